@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -51,11 +52,17 @@ from autotune.estimation.problem import (
 )
 from autotune.estimation.residual import smoothed
 from autotune.identify.ripple_lines import columns
+from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 
 NO_TWIN = "No twin: "
 UNSTABLE, USELESS = "is unstable or rings", "explains less than none"
+LACKS_MOST = "lacks what makes most of the torque, such as gravity"
+HEAVY = (
+    "Gravity, or a spring, makes most of the torque: beside it inertia and friction leave {:.2g} % of the torque's "
+    "variance."
+)
 TWIN_AFTER_ALL = (
     "A twin explained less than none of the model as it was, but more beside what was found: it is used."
 )
@@ -147,6 +154,12 @@ def _fit_as_it_is(
     if isinstance(fitted, str) and (late := _recorded_late(problem)) is not None:
         again = _first_fit(late, usually_damped(packed), free)
         fitted, notes = (fitted, ()) if isinstance(again, str) else (again, (LATE_RECORD,))
+    if not isinstance(fitted, str):
+        given = float(packed.p[layout.COULOMB])
+        if why := _astray(*fitted, given):
+            # a plain fit has what belongs to the place beside the model: its friction is no more than that
+            fitted = why
+            free = [replace(one, upper=given) if one.slot == layout.COULOMB else one for one in free]
     if isinstance(fitted, str) and problem.twin and law is not None:
         data, said = without_twin(as_recorded(known, replace(law, asked=0.0)))
         notes = (f"{NO_TWIN}a simulation of the model with this controller {fitted}.", *said)
@@ -329,15 +342,50 @@ def _without_reading_waves(problem: Problem, model_fit: ModelFit) -> tuple[Probl
     return _aligned(again, other)
 
 
+def _left_beside_place(problem: Problem) -> float:
+    """Share of the torque's variance that inertia, friction and gravity (linear axes: a spring) leave together.
+
+    Infinite where inertia or friction comes out below zero: the torque has the wrong sign, or is of another axis.
+    """
+    data, rows = problem.data, problem.training > 0
+    q = data.position - float(np.mean(data.position))
+    place = [np.sin(q), np.cos(q)] if data.metadata.motion_unit == "rad" else [q]
+    parts = [data.acceleration, np.sign(data.velocity), data.velocity, np.ones(len(q)), *place]
+    table = np.column_stack([smoothed(data, np.ascontiguousarray(part)) for part in parts])[rows]
+    torque = smoothed(data, data.torque)[rows]
+    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    found = np.linalg.lstsq(table, torque, rcond=1e-10)[0]
+    if min(found[0], found[1]) <= 0.0:
+        return math.inf
+    return float(np.var(torque - table @ found)) / max(float(np.var(torque)), 1e-300)
+
+
+def _share_left(problem: Problem, model_fit: ModelFit) -> float:
+    """Share of the torque's variance that a model leaves."""
+    rows = problem.training > 0
+    torque = smoothed(problem.data, problem.data.torque)[rows]
+    return float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
+
+
+def _astray(problem: Problem, model_fit: ModelFit, given: float) -> str:
+    """Why a fit inside the twin is of no use although the twin is: it took a load for friction; or "".
+
+    Friction that takes up a load ends as a spring, its level above any torque that was recorded, which no axis that
+    slid has: a twin with it goes another way than the axis. `given` is the level of the model as it was given [N m].
+    """
+    data = problem.data
+    peak = float(np.max(np.abs(data.torque[data.grid])))
+    astray = problem.twin and given <= peak < float(model_fit.fitted.packed.p[layout.COULOMB])
+    return LACKS_MOST if astray else ""
+
+
 def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> tuple[str, ...]:
-    """A sentence on waves over position where they are most of what the model leaves.
+    """A sentence on the place where that is most of what the model leaves: gravity, a spring, waves.
 
     Raises:
         NotEnoughExcitation: the model leaves nearly all of the torque, and the place does not explain it either.
     """
-    rows = problem.training > 0
-    torque = smoothed(problem.data, problem.data.torque)[rows]
-    share = float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
+    share = _share_left(problem, model_fit)
     if share <= problem.policy.misfit:
         return ()
     context = Context(problem, model_fit.fitted, model_fit.fitted.packed)
@@ -345,6 +393,8 @@ def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> tuple[str, ...]:
     waves = columns(problem.data.position[problem.data.grid[thin.rows]], orders, context.angle)
     explained = thin.share(waves) if orders else 0.0
     if share * (1.0 - explained) > problem.policy.misfit:
+        if (left := _left_beside_place(problem)) <= problem.policy.misfit:
+            return (HEAVY.format(100.0 * left),)
         raise NotEnoughExcitation(
             f"the model explains only {100 * max(1 - share, 0.0):.0f} % of the torque even after refitting; is the "
             "sign or the unit of the torque wrong, or the model of another axis? Fit a new model with "

@@ -1,8 +1,8 @@
 """Which way recordings are fitted, and how the result is judged.
 
 The standard programme is analysed experiment by experiment; any other motion is fitted as a whole inside
-the twin. What that cannot start (effects beyond friction and ripple, motion one way only) is left to the
-search of `diagnose`, which needs less and promises less.
+the twin. What that cannot start (effects beyond friction and ripple, motion one way only, friction of another
+curve) or bring to an end is left to the search of `diagnose`, which needs less and promises less.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.compare import Compared, compare, unseen_error
 from autotune.diagnosis.evidence.evidence import SURE
 from autotune.diagnosis.fit_result import FitResult
-from autotune.diagnosis.fitting import fit_model
+from autotune.diagnosis.fitting import fit_model, loose
 from autotune.estimation.model_error import CLEARLY_LESS
 from autotune.estimation.policy import POLICY
 from autotune.identify.dahl import Complexity, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity, judge_model
-from autotune.identify.first_guess import OneDirection
+from autotune.identify.first_guess import NoDryFriction, OneDirection
 from autotune.identify.fit import HOLDS, STARTS, fit, joined
 from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.identify.run import EXPERIMENTS, identify_run
@@ -49,6 +49,16 @@ USUAL_ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
 """Of the benchmark sine, at its reversals."""
 ONE_NUMBER = ("coulomb", "offset")
 """What motion in one direction cannot tell apart."""
+OF_SLIDING = ("inertia", "viscous", "coulomb", "offset")
+"""What takes up what a model lacks most of."""
+CURVED = (
+    "Coulomb friction comes out below zero: friction grows faster than in proportion to speed; 'autotune model "
+    "diagnose' tells what is missing"
+)
+NO_END = (
+    "a fit of all motion together came to no end: the model lacks what matters most, and takes it for something else. "
+    "The values are those of a fit along the measured motion; 'autotune model diagnose' tells what is missing"
+)
 TOO_SLOW = "not identified: the samples are too slow for the torque; record faster, or move more gently"
 USUAL_PRECISION = {"rad": 1e-3, "m": 1e-5}
 
@@ -125,6 +135,13 @@ def _fitted(whole: Recording, effects: Sequence[str], progress: Progress) -> Fit
             result = fit(whole, effects)
         except OneDirection as reason:
             return _by_search(whole, effects, (f"{reason}; coulomb is the sum of both here",), progress)
+        except NoDryFriction:
+            if (other := _searched(whole, effects, CURVED, ONE_NUMBER[:1], progress)) is None:
+                raise
+            return other
+        astray = not (result.valid or result.converged)
+        if astray and (other := _searched(whole, effects, NO_END, OF_SLIDING, progress)) is not None:
+            return other
         method = "speed_curve" if result.steady_state is not None else "twin"
         model = _with_errors(result.model, result.estimate)
         return FitResult(model, method, result.estimate, result.estimate.notes, steady=result.steady_state)
@@ -143,15 +160,37 @@ def _by_experiments(whole: Recording) -> FitResult:
     return FitResult(found.model, "programme", joint, found.notes, found=found, steady=found.steady_state)
 
 
+def _searched(
+    whole: Recording, effects: Sequence[str], why: str, untold: Sequence[str], progress: Progress
+) -> FitResult | None:
+    """The search's model, where a fit of all motion together has none; None where the search has none either.
+
+    `untold` are parameters that it cannot know: they have no standard error, and need none.
+    """
+    try:
+        result = _by_search(whole, effects, (why,), progress, untold)
+    except NotEnoughExcitation:
+        return None
+    known = result.valid or ("inertia" not in untold and result.model is not None and not loose(result.model))
+    if not known:
+        return None
+    return replace(result, estimate=replace(result.estimate, valid=True, reason=why))
+
+
 def _by_search(
-    whole: Recording, effects: Sequence[str], notes: tuple[str, ...], progress: Progress
+    whole: Recording,
+    effects: Sequence[str],
+    notes: tuple[str, ...],
+    progress: Progress,
+    one_number: Sequence[str] = ONE_NUMBER,
 ) -> FitResult:
+    """The search's model; with `notes` on it some of its parameters are not known by themselves."""
     result = fit_model([whole], effects, progress)
     reason = "; ".join(text for text in (result.reason, *notes) if text)
     model = result.model
     unknown: dict[str, Quantity] = {}
     if notes:
-        model, unknown = _as_one_number(model, notes[0])
+        model, unknown = _without_error(model, one_number, notes[0])
     if result.untold:
         model, more = _without_error(model, result.untold, TOO_SLOW)
         unknown |= more
@@ -159,11 +198,6 @@ def _by_search(
         "search", unknown, result.valid, reason, result.relative_error, tuple(result.notes) + notes
     )
     return FitResult(model, "search", estimate, estimate.notes)
-
-
-def _as_one_number(model: DriveModel, why: str) -> tuple[DriveModel, dict[str, Quantity]]:
-    """The model of an axis that moved one way only: neither part of a sum has an error of its own."""
-    return _without_error(model, ONE_NUMBER, why)
 
 
 def _without_error(
@@ -221,16 +255,19 @@ def _beside(result: FitResult) -> bool:
 
 
 def _with_error(result: FitResult, compared: Compared | None) -> FitResult:
-    """The error of the model as `compare` measures it, where it can."""
+    """The error of the model as `compare` measures it, where it can.
+
+    A heavy load makes most of a joint's torque: what was fitted beside the model tells whether the rest is an axis.
+    """
     if result.model is None or compared is None:
         return result
     estimate = replace(result.estimate, relative_error=compared.relative_error)
     if result.method in ("programme", "twin") and compared.relative_error**2 > POLICY.misfit:
-        why = (FITTED_BESIDE if _beside(result) else HARDLY_ANY).format(
-            percent=100.0 * compared.relative_error
-        )
+        beside = _beside(result)
+        why = (FITTED_BESIDE if beside else HARDLY_ANY).format(percent=100.0 * compared.relative_error)
         reason = "; ".join(filter(None, (estimate.reason, why)))
-        estimate = replace(estimate, valid=False, reason=reason)
+        known = beside and result.estimate.relative_error**2 <= POLICY.misfit
+        estimate = replace(estimate, valid=estimate.valid and known, reason=reason)
     return replace(
         result,
         estimate=estimate,

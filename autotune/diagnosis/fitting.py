@@ -181,14 +181,18 @@ def _waves_instead(data: Prepared, rows: Flags, table: Floats, target: Floats) -
     return beside <= (1.0 - LEAST_GAIN) * without
 
 
-def _reason(model: DriveModel, policy: Policy) -> str:
-    loose = [
+def loose(model: DriveModel, policy: Policy = POLICY) -> list[str]:
+    """Of inertia and Coulomb friction what is known so little that the model may not be used."""
+    return [
         name
         for name in ("inertia", "coulomb")
         if (error := model.base[name].standard_error) is not None and error > policy.fit_loose * model[name]
     ]
-    if loose:
-        return f"{', '.join(loose)} cannot be told from these recordings; record the whole programme"
+
+
+def _reason(model: DriveModel, policy: Policy) -> str:
+    if names := loose(model, policy):
+        return f"{', '.join(names)} cannot be told from these recordings; record the whole programme"
     return ""
 
 

@@ -33,6 +33,7 @@ from autotune.estimation.alignment import (
     needed,
     plainly_apart,
     recorded_late,
+    shifted,
     upsampled,
 )
 from autotune.estimation.controller import as_read, find_controller, with_friction_fed
@@ -332,9 +333,11 @@ def of_one_moment(recording: Recording, law: PositionController) -> Brought:
     except (NotEnoughExcitation, RecordingError):
         return same
     late = recorded_late(data) if law.usable else 0.0
-    known = data.repeated or data.steady or data.pace < 1.0 or (law.usable and late == 0.0)
+    known = data.repeated or data.steady or data.pace < 1.0
     if known:
         return same
+    if law.usable and late == 0.0:
+        return replace(same, doubt=_of_half_a_sample(recording, data)) if law.in_band else same
     how = filtered_or_late(data)
     if not how.column and not plainly_apart(data):
         raw = prepare([recording], data.cutoff, data.motion_cutoff)
@@ -344,6 +347,17 @@ def of_one_moment(recording: Recording, law: PositionController) -> Brought:
         return Brought(moved, law, how.change)
     why = find_controller(data).why
     return Brought(moved, replace(law, source="none", why=why), how.change, (f"No twin: {why}.",))
+
+
+def _of_half_a_sample(recording: Recording, data: Prepared) -> Floats:
+    """By how much inertia and friction change, over themselves, with the torque half a sample later, shape (4,).
+
+    A law that was found below a frequency tells no part of a sample: whether a torque was read with the position, or
+    holds until the next, it does not say. Behind a motor that is fed with a voltage, whose own field brakes it, that is
+    half a sample of a large viscous friction, which acceleration shows as inertia.
+    """
+    raw = prepare([recording], data.cutoff, data.motion_cutoff)
+    return change_of_gains(raw, shifted(raw, 1.0))
 
 
 def _quiet(recordings: Sequence[Recording], cutoff: float, pace: float) -> Prepared:

@@ -42,7 +42,7 @@ LONGEST, SHORTEST = 0.1, 2e-5
 CLEARLY = 1.03
 """A longer reach must leave an error smaller than by this factor."""
 _TWO_AXES = 1.5
-_J, _COULOMB, _BASE = 0, 2, 5
+_J, _VISCOUS, _COULOMB, _BASE = 0, 1, 2, 5
 _SURE = [0, 2, 4]
 _SHARED = [0, 2]
 _FRICTION = [2, 4]
@@ -55,6 +55,10 @@ _SHORT, _LONG = 200, 1600
 
 class OneDirection(NotEnoughExcitation):
     """The axis moved one way only: Coulomb friction and offset are one number."""
+
+
+class NoDryFriction(NotEnoughExcitation):
+    """Motion explains the torque, but with a Coulomb friction below zero: friction has another curve over speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -435,6 +439,17 @@ def _refuse_one_direction(pieces: Sequence[Piece]) -> None:
         )
 
 
+def _bends_up(design: Floats, target: Floats) -> bool:
+    """Whether a drag with the square of the speed beside the rest leaves a Coulomb friction above zero.
+
+    Friction that is compensated beforehand, and too much, does not come back with it.
+    """
+    speed = design[:, _VISCOUS]
+    table = np.column_stack([design, speed * np.abs(speed)])
+    found = np.linalg.lstsq(table / _size(table), target, rcond=1e-9)[0]
+    return bool(found[_COULOMB] > 0.0 and found[-1] > 0.0)
+
+
 def _refuse(best: _Trial) -> None:
     """Raises where the least squares solution is no drive's."""
     design, target = best.design, best.target
@@ -468,7 +483,8 @@ def _refuse(best: _Trial) -> None:
             "of speed, swings of several sizes"
         )
     if coulomb <= 0.0:
-        raise NotEnoughExcitation(
+        kind = NoDryFriction if _bends_up(design, target) else NotEnoughExcitation
+        raise kind(
             f"Coulomb friction comes out as {coulomb:.3g}; it must be above 0. Record slow moves in both "
             "directions, or check that friction is not compensated already"
         )

@@ -59,12 +59,14 @@ class FitResult:
         controller: of the twin, or why there is none.
         steady_state: the speed curve, where the recordings hold nothing else; inertia, stiffness and
             micro_damping of the model are placeholders without a standard error then.
+        converged: whether the refinement came to an end.
     """
 
     model: DriveModel
     estimate: Estimate
     controller: PositionController
     steady_state: SteadyState | None = None
+    converged: bool = True
 
     @property
     def valid(self) -> bool:
@@ -250,7 +252,7 @@ def thinned(recording: Recording) -> Recording:
 
 
 def _result(joint: Joint) -> FitResult:
-    return FitResult(joint.model, joint.estimate, joint.controller)
+    return FitResult(joint.model, joint.estimate, joint.controller, converged=joint.refined.converged)
 
 
 def _startable(name: str) -> Kind:

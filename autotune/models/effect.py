@@ -168,6 +168,7 @@ class Kind:
         own_course: context → whether the course that was fitted is the effect's at all, or may be another's; None where
             every course inside its bounds is.
         needs_rests: only the difference between short and long rests shows it.
+        both_ways: motion one way cannot tell it from a torque that depends on the place.
         quick: it lives in quick changes of torque, and is lost where a column was filtered.
         of_place: it depends on place or direction alone, and shows even where the sampling is too slow.
         keeps_zero: it lies at places; a position that counts from another zero makes it another torque.
@@ -209,6 +210,7 @@ class Kind:
     shows_course: Callable[[Floats, float], bool] | None = None
     own_course: Callable[[StartContext], bool] | None = None
     needs_rests: bool = False
+    both_ways: bool = False
     quick: bool = False
     of_place: bool = False
     keeps_zero: bool = False

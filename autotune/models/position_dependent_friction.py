@@ -112,5 +112,6 @@ POSITION_DEPENDENT_FRICTION = Kind(
     size="height",
     free_shape=free_shape,
     of_place=True,
+    both_ways=True,
     keeps_zero=True,
 )

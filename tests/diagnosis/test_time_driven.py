@@ -31,7 +31,8 @@ def _problem() -> tuple[SimpleNamespace, np.ndarray]:
     rounds = np.arange(2)[None, :, None] * BLOCKS * COUNT
     clock = np.arange(BLOCKS)[:, None, None] * COUNT + rounds + np.arange(COUNT)[None, None, :]
     blocks = tuple(Block(f"part {i}", TRAINING, i * 2 * COUNT, 2, COUNT) for i in range(BLOCKS))
-    data = SimpleNamespace(blocks=blocks, grid=clock.ravel(), period=PERIOD)
+    place = np.sin(0.1 * np.arange(clock.size))
+    data = SimpleNamespace(blocks=blocks, grid=clock.ravel(), period=PERIOD, position=place, repeated=True)
     turns = np.where((np.arange(COUNT) // 70) % 2, -1.0, 1.0)
     return SimpleNamespace(data=data, training=np.ones(clock.size), policy=POLICY), np.tile(turns, 2 * BLOCKS)
 
@@ -110,6 +111,34 @@ def test_a_force_in_step_with_the_clock_is_told_from_what_a_motion_makes(
     line = time_driven.time_driven_line(problem, size * wave + noise)
     assert (line.steady if line is not None else None) == steady
     assert time_driven.comes_and_goes(line) == (steady is False)
+
+
+@pytest.mark.parametrize(("spread", "told"), [(0.0, False), (0.05, True)], ids=["one speed", "several"])
+def test_at_one_speed_a_wave_over_position_is_no_clock(spread: float, told: bool) -> None:
+    """Cogging of a motor that rolls on evenly has one frequency in every experiment, as a pump has."""
+    problem, _ = _problem()
+    problem.data.stretches, problem.data.periodic = (None,), ()
+    clock = problem.data.grid * PERIOD
+    problem.data.position = np.cumsum(np.repeat(1.0 + spread * np.arange(2 * BLOCKS), COUNT)) * 5.0 * PERIOD
+    noise = 0.2 * np.random.default_rng(8).standard_normal(len(clock))
+    line = time_driven.time_driven_line(problem, np.sin(2.0 * np.pi * 1.59 * clock) + noise)
+    assert (line is not None) == told
+
+
+@pytest.mark.parametrize(
+    ("hertz", "told"), [(2.75, False), (2.6, True)], ids=["eleventh harmonic", "between"]
+)
+def test_a_harmonic_of_a_motion_that_comes_again_is_no_clock(hertz: float, told: bool) -> None:
+    """Four seconds come again and again, but for three seconds that come up from rest."""
+    problem, _ = _problem()
+    problem.data.stretches, problem.data.periodic, problem.data.repeated = (None,), (), False
+    clock = np.arange(2 * BLOCKS * COUNT) * PERIOD
+    rise = np.clip(clock / 3.0, 0.0, 1.0)
+    problem.data.position = rise * (np.sin(0.5 * np.pi * clock) + 0.3 * np.cos(1.5 * np.pi * clock))
+    time = problem.data.grid * PERIOD
+    noise = 0.2 * np.random.default_rng(8).standard_normal(len(time))
+    line = time_driven.time_driven_line(problem, np.sin(2.0 * np.pi * hertz * time) + noise)
+    assert (line is not None) == told
 
 
 def test_the_supply_may_come_and_go() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from autotune.estimation.bandwidth import COUNTED, Bands, counts_over_motion, prepared_for
+from autotune.estimation.bandwidth import COUNTED, Bands, counts_over_motion, of_one_moment, prepared_for
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import CUTOFF, compared_below
 from autotune.recordings.recording import Metadata, Recording
 
@@ -66,3 +67,22 @@ def test_a_fine_encoder_leaves_a_fit_its_band() -> None:
     assert (found.motion, found.error, found.decimation) == (usual.motion, usual.error, usual.decimation)
     assert not found.lowered
     assert 0.0 < found.counted < 1e-3
+
+
+@pytest.mark.parametrize(("in_band", "doubted"), [(True, True), (False, False)])
+def test_a_law_below_a_frequency_leaves_half_a_sample_of_viscous_friction_in_doubt(
+    in_band: bool, doubted: bool
+) -> None:
+    """Of a motor at a voltage: its own field brakes it, and half a sample of that is a share of its inertia."""
+    viscous, period = 2.6, 5e-3
+    time = np.arange(0.0, 40.0, period)
+    sizes = ((0.6, 0.15), (0.3, 0.4), (0.1, 1.1))
+    position = sum(size * np.sin(2 * np.pi * rate * time + rate) for size, rate in sizes)
+    speed = np.gradient(position, period)
+    torque = 0.06 * np.gradient(speed, period) + viscous * speed + 0.2 * np.tanh(speed / 1e-2)
+    columns = {"time": time, "position": position, "torque": torque, "reference": position}
+    recording = Recording.from_columns(columns, Metadata(sample_period=period), "servo")
+    law = PositionController(60.0, 0.6, explained=0.99, source="identified", in_band=in_band)
+    doubt = of_one_moment(recording, law).doubt
+    assert doubt[0] == (pytest.approx(viscous * period / 2.0 / 0.06, rel=0.3) if doubted else 0.0)
+    assert np.all(doubt[1:3] < 0.05)

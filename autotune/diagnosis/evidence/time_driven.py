@@ -21,6 +21,7 @@ from autotune.estimation.disturbance_estimate import estimate_disturbance, with_
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import measured_motion, residual, smoothed
 from autotune.models.drive_model import Packed
+from autotune.signals.periodic import period_of
 from autotune.signals.place_line import strongest_line
 
 LEAST_HERTZ = 0.7
@@ -34,6 +35,10 @@ BREATHS, QUICKEST_BREATH = 4.0, 2.5
 ones change within the reversals that tell friction from torque."""
 FINE_BREATH = 0.5
 """Of one over the length of the recording: steps of the frequency."""
+AT_ENDS = 8
+"""Of the rows, one in so many before and behind: a motion comes up from rest there and goes back to it."""
+AS_WELL = 0.5
+"""Of what a line over time explains: where a wave over position does as much, nothing says that time drives it."""
 ALIKE_PHASE = math.radians(30.0)
 """Of a line that comes and goes: how far its phase may be off in a repeat of an experiment."""
 HUNTS_ABOVE, NARROW, MOST, LOUD = 10.0, 0.1, 0.5, 0.1
@@ -82,10 +87,11 @@ def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
     finest = min(
         hertz[best] + np.linspace(-1.0, 1.0, 41) / time.max(), key=lambda f: -_share(time, values, float(f))
     )
-    if any(_of_the_motion(float(finest), part.samples * data.period, time.max()) for part in data.periodic):
+    periods = [part.samples for part in data.periodic] or _period(data)
+    if any(_of_the_motion(float(finest), samples * data.period, time.max()) for samples in periods):
         return None
     line = TimeLine(float(finest), _share(time, values, float(finest)))
-    if line.share <= problem.policy.line_part:
+    if line.share <= problem.policy.line_part or _over_place(problem, values, line):
         return None
     if _everywhere(problem, error, line.hertz):
         return line
@@ -344,9 +350,28 @@ def _foretold(parts: Sequence[_Difference], hertz: float) -> float:
     return 1.0 - after / max(before, 1e-300)
 
 
+def _period(data: Prepared) -> list[float]:
+    """Rows after which a motion comes again that comes up from rest and goes back to it; none where it does not."""
+    if data.repeated:
+        return []
+    ends = len(data.position) // AT_ENDS
+    samples = period_of(data.position[ends : len(data.position) - ends])
+    return [] if samples is None else [samples]
+
+
 def _of_the_motion(hertz: float, period: float, seconds: float) -> bool:
     """Whether a line is a harmonic of a motion that repeats itself: nothing says then that time drives it."""
     return abs(hertz - round(hertz * period) / period) < 2.0 / seconds
+
+
+def _over_place(problem: Problem, values: Floats, line: TimeLine) -> bool:
+    """Whether a wave over position explains most of what a line over time does: the axis goes on at one speed."""
+    data, rows = problem.data, problem.training > 0
+    place = data.position[data.grid[rows]]
+    seconds = float(np.ptp(_clock(problem)[rows]))
+    turns = line.hertz * seconds / max(float(np.ptp(place)), 1e-300)
+    cycles = turns + np.linspace(-4.0, 4.0, 81) / max(float(np.ptp(place)), 1e-300)
+    return max(_share(place, values, float(one)) for one in cycles) > AS_WELL * line.share
 
 
 def _clock(problem: Problem) -> Floats:

@@ -104,6 +104,8 @@ def _rings_below(model_fit: ModelFit, hertz: float) -> bool:
 
 def _parameters_in_sight(problem: Problem, kind: Kind, p: Floats) -> bool:
     policy = problem.policy
+    if kind.both_ways and problem.scales.one_way:
+        return False
     if kind.extent is not None and not kind.extent(p) > policy.least_counts * problem.data.resolution:
         return False
     if kind.resonance is not None and not kind.resonance(p) < policy.beyond * problem.data.cutoff:
