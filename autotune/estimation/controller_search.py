@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from autotune.core.arrays import Floats, Integers
+from autotune.core.arrays import Flags, Floats, Integers
 from autotune.estimation.controller_law import (
     SHORTEST_STRETCH,
     LoopSamples,
@@ -65,6 +65,8 @@ SAME_DEMAND = 1e-6
 ROUNDED, BESIDE, WITHIN_ROUNDING = 2.0, 3.0, 0.85
 """Standard deviations within which 0.96 lie of what rounding leaves; times that, and of the rows that leave so little
 those within, at least: where noise is as large a half are."""
+AROUND_ROW = range(-2, 3)
+"""Rows of the reference that feed a demand: those that a drive interpolates between, and its own dead time."""
 ROUGHER, SETTLING = (4.0, 2.0), 4
 """Times what rounding leaves, at first, and rounds after."""
 ROWS_LATE = "Rows are written late: the controller was identified by those that are not."
@@ -172,9 +174,36 @@ def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
         told = _told(np.abs(change[rows] - table @ gains)[moved], same, rounded)
         if told > most:
             best, most = _of_recursion(gains.tolist(), samples.period, delay), told
+            if _fed_not_late(late.reference, rows, (table, change[rows], moved), slowest, step, told):
+                best = None
         if told and step == 0.0:
             break
     return best
+
+
+def _fed_not_late(
+    reference: Floats,
+    rows: Integers,
+    recursion: tuple[Floats, Floats, Flags],
+    slowest: Integers,
+    step: float,
+    told: int,
+) -> bool:
+    """Whether most rows that a recursion does not tell are told where it has the reference's second differences too.
+
+    A reading that is late is off by its delay, whatever the reference does. So these rows are not late: the drive feeds
+    velocity or acceleration forward. `recursion`: its table, what it shall make, and which rows count; `told`: how many
+    of these it tells.
+    """
+    table, wanted, moved = recursion
+    bent = np.diff(reference, 2, prepend=reference[:2])
+    table = np.column_stack([table, *(np.roll(bent, by)[rows] for by in AROUND_ROW)])
+    gains = _least_absolute(table[slowest], wanted[slowest], step)
+    if step > 0.0:
+        gains = _of_rounded(table, wanted, gains, step)
+    same = max(SAME_DEMAND * float(np.std(wanted)), ROUNDED * _by_rounding(gains, step))
+    both = int(np.count_nonzero(np.abs(wanted - table @ gains)[moved] < same))
+    return bool(both - told > 0.5 * (np.count_nonzero(moved) - told))
 
 
 def _rounding_explains(samples: LoopSamples, law: PositionController) -> bool:

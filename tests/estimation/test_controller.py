@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import ndimage, signal
 
 from autotune.estimation import controller
 from autotune.estimation.controller import (
@@ -25,16 +25,22 @@ from autotune.estimation.controller_law import (
     law_terms,
     regular_rows,
 )
-from autotune.estimation.controller_search import _late_trials, first_look, plain_in_band, searched_late
+from autotune.estimation.controller_search import (
+    _late_trials,
+    _of_prompt_rows,
+    first_look,
+    plain_in_band,
+    searched_late,
+)
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
 from autotune.estimation.twin_runs import run_twin, run_twins
 from autotune.models.drive_model import base_model
-from autotune.recordings.recording import Controller, Recording
+from autotune.recordings.recording import Controller, Metadata, Recording
 from autotune.signals.between_samples import delayed
 from autotune.signals.triangle import less_run_means
-from tests.estimation.simulated import AXIS, OF_TRUE, PERIOD, RESOLUTION, TRUE, recorded
+from tests.estimation.simulated import AXIS, OF_TRUE, PERIOD, RESOLUTION, TRUE, followed, recorded
 
 
 def both(recording: Recording) -> PositionController:
@@ -357,6 +363,28 @@ def test_rows_that_are_not_late_tell_a_law_of_a_rounded_demand() -> None:
     assert found.exact
     assert "written late" in found.why
     assert (found.kp, found.kd, found.ki) == pytest.approx((TRUE.kp, TRUE.kd, TRUE.ki), rel=0.01)
+
+
+@pytest.mark.parametrize("fed", [0.0, 1.0], ids=["late", "fed"])
+def test_rows_that_a_feedforward_tells_are_not_late(fed: float) -> None:
+    """Moves to and fro: where they turn round a drive feeds the acceleration between its set points forward."""
+    corners = np.interp(np.arange(8000) * PERIOD, np.arange(17) * 0.5, np.arange(17) % 2 * 2.0)
+    reference = ndimage.gaussian_filter1d(corners, 25.0, mode="nearest")
+    bend = np.diff(reference, 2, prepend=reference[:2]) / PERIOD**2
+    forward = fed * AXIS["inertia"] * np.convolve(bend, (0.1, 0.3, 0.3, 0.2, 0.1), "same")
+    random = np.random.default_rng(5)
+    columns = followed(reference, forward + random.normal(0.0, 2e-3, len(bend)), TRUE, base_model(AXIS))
+    late = 2e-4 * (random.uniform(size=len(bend)) < 0.04) * (1.0 - fed)
+    moved = columns["position"] + late * np.gradient(columns["position"], PERIOD)
+    columns |= {
+        "position": np.round(moved / RESOLUTION) * RESOLUTION,
+        "torque": np.round((columns["torque"] + forward) / 3e-4) * 3e-4,
+    }
+    metadata = Metadata(sample_period=PERIOD, position_resolution=RESOLUTION)
+    whole = prepare([Recording.from_columns(columns, metadata, "motion")])
+    found = _of_prompt_rows(controller.loop_samples(whole))
+    assert (found is None) == bool(fed)
+    assert found is None or found.kp == pytest.approx(TRUE.kp, rel=0.02)
 
 
 @pytest.mark.parametrize("step", [0.0, 1e-6])
