@@ -31,11 +31,11 @@ from autotune.core.documents import finite
 from autotune.core.durable import read_checked, write_checked
 from autotune.core.errors import ConfigurationError
 from autotune.core.kernel_cache import digest
-from autotune.core.remembered import digest_of
 from autotune.estimation.controller import KNOWN_FED, KNOWN_LAWS
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.model_error import TOLD_LAWS
+from autotune.recordings.checksum import content_checksum
 from autotune.recordings.recording import Recording
 
 SCHEMA = 1
@@ -45,13 +45,13 @@ Made = TypeVar("Made", PositionController, Disturbance)
 
 def keep_laws(model: Path, recordings: Sequence[Recording]) -> None:
     """Writes what this process has found out about the loops of `recordings` beside a model's file, where it can."""
-    laws = {mark: [asdict(law) for law in found] for mark, found in KNOWN_LAWS.answers().items()}
-    told = {mark: [asdict(law), asdict(by)] for mark, (law, by) in TOLD_LAWS.answers().items()}
+    laws = {mark: [_values(law) for law in found] for mark, found in KNOWN_LAWS.answers().items()}
+    told = {mark: [_values(law), _values(by)] for mark, (law, by) in TOLD_LAWS.answers().items()}
     unfed = [mark for mark, column in KNOWN_FED.answers().items() if column is None]
     about = {"schema": SCHEMA, "code": _code(), "recordings": _content(recordings)}
     answers = {"laws": laws, "told": told, "feeds_no_friction": unfed}
     with suppress(OSError):  # a full disk costs the next command time, and this one not its answer
-        write_checked(model.with_suffix(ENDING), _plain(about | answers))
+        write_checked(model.with_suffix(ENDING), finite(about | answers))
 
 
 def take_laws(model: Path, recordings: Sequence[Recording]) -> bool:
@@ -80,13 +80,10 @@ def take_laws(model: Path, recordings: Sequence[Recording]) -> bool:
     return True
 
 
-def _plain(value: Any) -> Any:
-    """The same as JSON has it; a number that is none becomes None."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return finite(value.item() if isinstance(value, np.generic) else value)
+def _values(made: PositionController | Disturbance) -> dict[str, Any]:
+    """By name, as Python's own numbers."""
+    values = asdict(made).items()
+    return {name: value.item() if isinstance(value, np.generic) else value for name, value in values}
 
 
 def _made(kind: type[Made], values: Mapping[str, Any]) -> Made:
@@ -113,10 +110,5 @@ def _code() -> str:
 
 def _content(recordings: Sequence[Recording]) -> str:
     """What tells recordings apart: every value, every row's experiment, and all that is known about them."""
-    whole = hashlib.sha256()
-    for one in recordings:
-        known = replace(one.metadata, remarks=())
-        whole.update(repr((known, sorted(one.floats))).encode())
-        columns = (one.floats[name] for name in sorted(one.floats))
-        whole.update(digest_of(*columns, one.experiment, one.repeat, one.missed))
-    return whole.hexdigest()
+    known = (repr(replace(one.metadata, remarks=())) for one in recordings)
+    return " ".join(content_checksum(one, {"known": of}) for one, of in zip(recordings, known, strict=True))

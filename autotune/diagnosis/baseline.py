@@ -156,9 +156,9 @@ def _fit_as_it_is(
         fitted, notes = (fitted, ()) if isinstance(again, str) else (again, (LATE_RECORD,))
     if not isinstance(fitted, str):
         given = float(packed.p[layout.COULOMB])
-        if why := _astray(*fitted, given):
+        if _astray(*fitted, given):
             # a plain fit has what belongs to the place beside the model: its friction is no more than that
-            fitted = why
+            fitted = LACKS_MOST
             free = [replace(one, upper=given) if one.slot == layout.COULOMB else one for one in free]
     if isinstance(fitted, str) and problem.twin and law is not None:
         data, said = without_twin(as_recorded(known, replace(law, asked=0.0)))
@@ -360,23 +360,15 @@ def _left_beside_place(problem: Problem) -> float:
     return float(np.var(torque - table @ found)) / max(float(np.var(torque)), 1e-300)
 
 
-def _share_left(problem: Problem, model_fit: ModelFit) -> float:
-    """Share of the torque's variance that a model leaves."""
-    rows = problem.training > 0
-    torque = smoothed(problem.data, problem.data.torque)[rows]
-    return float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
-
-
-def _astray(problem: Problem, model_fit: ModelFit, given: float) -> str:
-    """Why a fit inside the twin is of no use although the twin is: it took a load for friction; or "".
+def _astray(problem: Problem, model_fit: ModelFit, given: float) -> bool:
+    """Whether a fit inside the twin is of no use although the twin is: it took a load for friction.
 
     Friction that takes up a load ends as a spring, its level above any torque that was recorded, which no axis that
     slid has: a twin with it goes another way than the axis. `given` is the level of the model as it was given [N m].
     """
     data = problem.data
     peak = float(np.max(np.abs(data.torque[data.grid])))
-    astray = problem.twin and given <= peak < float(model_fit.fitted.packed.p[layout.COULOMB])
-    return LACKS_MOST if astray else ""
+    return problem.twin and given <= peak < float(model_fit.fitted.packed.p[layout.COULOMB])
 
 
 def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> tuple[str, ...]:
@@ -385,7 +377,9 @@ def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> tuple[str, ...]:
     Raises:
         NotEnoughExcitation: the model leaves nearly all of the torque, and the place does not explain it either.
     """
-    share = _share_left(problem, model_fit)
+    rows = problem.training > 0
+    torque = smoothed(problem.data, problem.data.torque)[rows]
+    share = float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
     if share <= problem.policy.misfit:
         return ()
     context = Context(problem, model_fit.fitted, model_fit.fitted.packed)

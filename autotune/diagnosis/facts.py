@@ -36,7 +36,7 @@ from autotune.diagnosis.free_shape import (
 )
 from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin, without_effect
 from autotune.diagnosis.ripple_orders import candidate_orders
-from autotune.diagnosis.search import Found
+from autotune.diagnosis.search import MOTOR, Found
 from autotune.diagnosis.starts import own_course
 from autotune.diagnosis.transmission import GAP, SPRING, by_another_law, gap_is_told, hardly_a_gap
 from autotune.diagnosis.wording import rms_unexplained
@@ -53,9 +53,7 @@ from autotune.models.reversal_memory import contact
 from autotune.models.spring import SPRING as PULL
 from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_ripple import scale_slot
-from autotune.models.torque_saturation import TORQUE_SATURATION
 
-MOTOR = TORQUE_SATURATION.name
 OUTDONE = 1.5
 """Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
 LAW_DIFFERS, LAW_LEAD = 0.9, 0.6

@@ -164,21 +164,29 @@ def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
             break
         table = np.column_stack([change[rows - 1], *(error[rows - back] for back in range(3))])
         slowest = np.argsort(slow[rows], kind="stable")[: len(rows) // 3]
-        gains = _least_absolute(table[slowest], change[rows[slowest]], step)
-        if step > 0.0:
-            gains = _of_rounded(table, change[rows], gains, step)
+        gains, left, same, rounded = _recursion(table, change[rows], slowest, step)
         followed = np.diff(late.reference, prepend=late.reference[:1])[rows] != 0.0
-        rounded = ROUNDED * _by_rounding(gains, step)
-        same = max(SAME_DEMAND * float(np.std(change[rows])), rounded)
         moved = followed & (np.abs(change[rows]) > rounded)
-        told = _told(np.abs(change[rows] - table @ gains)[moved], same, rounded)
+        told = _told(left[moved], same, rounded)
         if told > most:
-            best, most = _of_recursion(gains.tolist(), samples.period, delay), told
-            if _fed_not_late(late.reference, rows, (table, change[rows], moved), slowest, step, told):
-                best = None
+            fed = _fed_not_late(late.reference, rows, (table, change[rows], moved), slowest, step, told)
+            best, most = None if fed else _of_recursion(gains.tolist(), samples.period, delay), told
         if told and step == 0.0:
             break
     return best
+
+
+def _recursion(
+    table: Floats, wanted: Floats, slowest: Integers, step: float
+) -> tuple[Floats, Floats, float, float]:
+    """Gains of a recursion, told by its slowest rows first; what it leaves, shape (r,); and below which it leaves
+    nothing, and what rounding leaves of it [N m]."""
+    gains = _least_absolute(table[slowest], wanted[slowest], step)
+    if step > 0.0:
+        gains = _of_rounded(table, wanted, gains, step)
+    rounded = ROUNDED * _by_rounding(gains, step)
+    same = max(SAME_DEMAND * float(np.std(wanted)), rounded)
+    return gains, np.abs(wanted - table @ gains), same, rounded
 
 
 def _fed_not_late(
@@ -198,11 +206,8 @@ def _fed_not_late(
     table, wanted, moved = recursion
     bent = np.diff(reference, 2, prepend=reference[:2])
     table = np.column_stack([table, *(np.roll(bent, by)[rows] for by in AROUND_ROW)])
-    gains = _least_absolute(table[slowest], wanted[slowest], step)
-    if step > 0.0:
-        gains = _of_rounded(table, wanted, gains, step)
-    same = max(SAME_DEMAND * float(np.std(wanted)), ROUNDED * _by_rounding(gains, step))
-    both = int(np.count_nonzero(np.abs(wanted - table @ gains)[moved] < same))
+    _, left, same, _ = _recursion(table, wanted, slowest, step)
+    both = int(np.count_nonzero(left[moved] < same))
     return bool(both - told > 0.5 * (np.count_nonzero(moved) - told))
 
 

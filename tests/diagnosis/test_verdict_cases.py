@@ -276,15 +276,16 @@ def test_a_rival_is_refuted_inside_the_twin(
     assert Facts(*known, first=[chosen, rival], tried=[rival]).leads is leads
 
 
+def _alone(effect: str, gain: float, share: float) -> SimpleNamespace:
+    """A candidate with one effect."""
+    model_fit = SimpleNamespace(effects=(effect,))
+    return SimpleNamespace(effect=effect, gain=gain, share=share, plain_share=share, model_fit=model_fit)
+
+
 @pytest.mark.parametrize(("fitted", "leads"), [(True, True), (False, False)])
 def test_a_second_mass_stands_for_a_gap_that_was_given_up_for_it(fitted: bool, leads: bool) -> None:
     """A gap whose spring alone explains as much is no candidate of its own any more."""
-    chosen = SimpleNamespace(
-        effect="nonlinear_viscous",
-        gain=0.9,
-        plain_share=0.995,
-        model_fit=SimpleNamespace(effects=("nonlinear_viscous",)),
-    )
+    chosen = _alone("nonlinear_viscous", 0.9, 0.995)
     gap = SimpleNamespace(effect="backlash", gain=0.6)
     spring = SimpleNamespace(effect="elastic_transmission", gain=0.5, share=0.95, model_fit=SimpleNamespace())
     evidence = SimpleNamespace(apart=lambda *_: True)
@@ -297,13 +298,7 @@ def test_nor_does_a_gap_stand_in_the_way_of_the_spring_that_it_was_given_up_for(
     given_up: bool, leads: bool
 ) -> None:
     """Of eight elastic transmissions two were "unknown" so, with 94 and 94 % explained."""
-    spring = SimpleNamespace(
-        effect="elastic_transmission",
-        gain=0.6,
-        share=0.94,
-        plain_share=0.94,
-        model_fit=SimpleNamespace(effects=("elastic_transmission",)),
-    )
+    spring = _alone("elastic_transmission", 0.6, 0.94)
     gap = SimpleNamespace(effect="backlash", gain=0.7, share=0.96, model_fit=SimpleNamespace())
     evidence = SimpleNamespace(apart=lambda _, better, worse: better is not worse and given_up)
     known = (SimpleNamespace(policy=POLICY), None, spring, evidence, (), None, "", 0.0, 0.6, ())
@@ -322,13 +317,7 @@ def test_a_gap_leads_where_a_spring_by_another_law_adds_nothing_beside_it(
     a spring, added 0.22 beside a gap that left as little, and springs by other laws 0.02 to 0.06 beside true gaps."""
     monkeypatch.setattr(facts, "adds_beside", lambda *_: adds)
     monkeypatch.setattr(candidates, "explained_beside", lambda *_: SimpleNamespace(share=0.75))
-    gap = SimpleNamespace(
-        effect="backlash",
-        gain=0.75,
-        share=0.9,
-        plain_share=0.9,
-        model_fit=SimpleNamespace(effects=("backlash",)),
-    )
+    gap = _alone("backlash", 0.75, 0.9)
     own = [varying(ELASTIC_TRANSMISSION, law, Vary(1.0, 1.0))] if law else []
     spring = SimpleNamespace(
         effect="elastic_transmission", gain=0.6, share=0.7, model_fit=SimpleNamespace(free=own)
