@@ -138,7 +138,8 @@ class ConsoleReporter:
         self._console = console
 
     def stage(self, name: str, seconds: float) -> None:
-        self._console.finish()
+        if name != self._console.stage:
+            self._console.finish()
         self._console.start(name)
 
     def progress(self, fraction: float) -> None:

@@ -48,7 +48,7 @@ class ConsoleProgress:
         self._index = -1
         self._open = False
         self._fraction = 0.0
-        self._began = 0.0
+        self._began = self._entered = 0.0
         self._spent = 0.0
         self._tenth = 0
         self._last_line = -LINE_SECONDS
@@ -69,8 +69,10 @@ class ConsoleProgress:
     def start(self, name: str) -> None:
         """The run enters a stage; one that was not announced is added.
 
-        The stage before, if still open, counts as done.
+        The stage before, if still open, counts as done. The one that is open goes on, with a part of it
+        whose progress counts from nothing.
         """
+        goes_on = name == self.stage
         self._close_stage()
         names = [stage.name for stage in self._stages]
         if name not in names:
@@ -79,9 +81,10 @@ class ConsoleProgress:
             names.insert(place, name)
         self._index = names.index(name)
         self._began, self._fraction, self._tenth, self._open = self._clock(), 0.0, 0, True
+        self._entered = self._entered if goes_on else self._began
         if self._bars is not None and self._task is not None:
             self._bars.update(self._task, completed=0.0)
-        else:
+        elif not goes_on:
             self._line(f"{self.label} …{_about(self.remaining_total_s())}")
 
     def advance(self, fraction: float) -> None:
@@ -100,7 +103,7 @@ class ConsoleProgress:
         """The present stage is done; `note` says in few words what came out."""
         if not self._open:
             return
-        took = self._clock() - self._began
+        took = self._clock() - self._entered
         self._close_stage()
         self._line(f"✓ {self._stages[self._index].name}{': ' + note if note else ''} ({duration(took)})")
 
@@ -125,6 +128,11 @@ class ConsoleProgress:
         pace = min(3.0, max(0.3, self._spent / done)) if done > 0 and self._spent > 0 else 1.0
         later = sum(stage.expected_s for stage in self._stages[self._index + 1 :])
         return self.remaining_s() + pace * later
+
+    @property
+    def stage(self) -> str | None:
+        """The stage that is open."""
+        return self._stages[self._index].name if self._open else None
 
     @property
     def label(self) -> str:

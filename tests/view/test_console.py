@@ -56,6 +56,18 @@ def test_a_fast_run_does_not_fill_the_log() -> None:
     assert len(stream.getvalue().splitlines()) == 2
 
 
+def test_a_stage_that_begins_twice_is_one_stage() -> None:
+    stream, clock = io.StringIO(), Clock()
+    with ConsoleProgress(STAGES, stream, clock) as progress:
+        progress.start("prove")
+        clock.now += 20.0
+        progress.start("prove")
+        clock.now += 10.0
+        progress.finish()
+    assert progress.stage is None
+    assert stream.getvalue().splitlines() == ["[3/3] prove … (about 30 s in total)", "✓ prove (30 s)"]
+
+
 def test_remaining_time_follows_the_pace_seen() -> None:
     clock = Clock()
     progress = ConsoleProgress(STAGES, io.StringIO(), clock)
