@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import io as matlab
 from typer.testing import CliRunner
 
 from autotune.cli.data import data
@@ -26,7 +27,7 @@ FOLDERS = {"DATA_EMPS": "emps", "acc_current": "bldc_cogging", "steady_state": "
 
 
 def files_of_the_page(folder: Path) -> None:
-    """The three small files that the page speaks of."""
+    """The small files that the page speaks of."""
     signals = axis_signals(1500)
     milliseconds, position, torque = 1e3 * signals["time"], signals["position"], signals["torque"]
     degrees = {"a": milliseconds, "b": np.degrees(position), "c": 1e3 * torque}
@@ -39,6 +40,8 @@ def files_of_the_page(folder: Path) -> None:
     rows = zip(milliseconds, phases, np.repeat([0, 0, 1], 500), position, torque, strict=True)
     lines = ["t [ms],Phase,Run,Position [rad],Torque [Nm]"]
     lines += [f"{t:.3f},{phase},{run},{q:.9g},{tau:.9g}" for t, phase, run, q, tau in rows]
+    matlab.savemat(folder / "uval_multisine.mat", {"uval_multisine": torque[None, :]})
+    matlab.savemat(folder / "yval_multisine.mat", {"yval_multisine": position[None, :]})
     (folder / "programme.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

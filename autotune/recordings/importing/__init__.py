@@ -5,7 +5,7 @@ A new format is one more file with one more entry in `FORMATS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -15,6 +15,13 @@ from autotune.recordings.importing.matlab import read_matlab
 from autotune.recordings.importing.parquet import read_parquet
 from autotune.recordings.importing.source import Source
 
-FORMATS: Mapping[str, Callable[[Path], Source]] = MappingProxyType(
-    {"csv": read_csv, "mat": read_matlab, "epos": read_epos, "parquet": read_parquet}
+
+def _each(read: Callable[[Path], Source]) -> Callable[[Sequence[Path]], Iterator[Source]]:
+    """The reader of one file as one of several: each file is a source of its own."""
+    return lambda paths: map(read, paths)
+
+
+FORMATS: Mapping[str, Callable[[Sequence[Path]], Iterator[Source]]] = MappingProxyType(
+    {"csv": _each(read_csv), "mat": read_matlab, "epos": _each(read_epos), "parquet": _each(read_parquet)}
 )
+"""By `--format`: what opens files of that kind, one after the other as they are asked for."""

@@ -56,7 +56,7 @@ def table_source(
 
     columns = tuple(every[index] for index in kept)
     spoken = (dialect.spoken, *notes)
-    return Source(path, columns, load, period=period, notes=spoken, texts=texts, labels=labels)
+    return Source(path, columns, load, dialect.scalars, period, spoken, texts, labels)
 
 
 def load_columns(path: Path, dialect: Dialect, indices: Sequence[int]) -> Loaded:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from autotune.core.errors import RecordingError
@@ -29,6 +30,8 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?")
 _CLOCK = re.compile(r"\d\d:\d\d:\d\d(\.\d{1,9})?")
 _COMMENT = ("#", "%", "//", '"#', "'")
 _HEADER_LINES = 400
+_TAIL = 1000
+"""Lines at the end of the beginning that tell what the columns hold."""
 _LONGEST_QUOTED = 100_000  # characters; the library's reader refuses fields of 131 072
 
 
@@ -39,6 +42,7 @@ class Dialect:
     Attributes:
         skip: lines before the first row of numbers.
         kinds: of each column: `number`, `date` (ISO 8601), `clock` (hours:minutes:seconds) or empty.
+        scalars: numbers in the first row of columns that are empty below it, by name.
     """
 
     encoding: str
@@ -48,6 +52,7 @@ class Dialect:
     columns: tuple[Column, ...]
     kinds: tuple[str, ...]
     named: bool
+    scalars: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def spoken(self) -> str:
@@ -117,7 +122,7 @@ def fields(line: str, delimiter: str) -> list[str]:
 
 def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[float, int]:
     """Number fields in the lines of the most frequent width, and that width."""
-    sample = [fields(line, delimiter) for line in lines[-1000:] if line.strip() and not is_comment(line)]
+    sample = [fields(line, delimiter) for line in lines[-_TAIL:] if line.strip() and not is_comment(line)]
     widths = Counter(len(parts) for parts in sample if _numbers(parts, decimal) >= max(1, len(parts) / 3))
     if not widths:
         return 0.0, 0
@@ -144,21 +149,45 @@ def _dialect(
     path: Path, lines: list[str], encoding: str, delimiter: str, decimal: str, width: int
 ) -> Dialect:
     rows = [fields(line, delimiter) if line.strip() and not is_comment(line) else None for line in lines]
-    tail = [parts for parts in rows[-1000:] if parts is not None and len(parts) == width]
-    kinds = tuple(_kind([parts[index] for parts in tail], decimal) for index in range(width))
+    if _open_end(rows, lines, delimiter, width):
+        rows = [[*parts, ""] if parts is not None and len(parts) == width else parts for parts in rows]
+        width += 1
+    tail = [parts for parts in rows[-_TAIL:] if parts is not None and len(parts) == width]
+    below = tail if len(rows) > _TAIL else [parts for parts in tail if _numbers(parts, decimal)][1:]
+    filled = [any(parts[index] for parts in below) for index in range(width)]
+    kinds = tuple(
+        _kind([parts[index] for parts in tail], decimal) if filled[index] else "" for index in range(width)
+    )
     first = _first_row(rows, kinds, decimal)
     if first is None or sum(bool(kind) for kind in kinds) < 2:
         raise RecordingError(
             f"{path} has no two columns of numbers; export time, position and torque as numbers"
         )
-    filled = max(i + 1 for i in range(width) if kinds[i] or any(parts[i] for parts in tail))
-    names, units = _header(lines[:first], delimiter, width, filled)
+    names, units = _header(lines[:first], delimiter, width, max(i + 1 for i in range(width) if filled[i]))
     example = rows[first] or []
     columns = tuple(
         _column(i, names[i] if names else "", units[i] if units else "", example[i], kinds[i])
         for i in range(width)
     )
-    return Dialect(encoding, delimiter, decimal, first, columns, kinds, bool(names))
+    scalars = {
+        columns[i].name: float(example[i].replace(decimal, "."))
+        for i in range(width)
+        if not filled[i] and _numbers([example[i]], decimal)
+    }
+    return Dialect(encoding, delimiter, decimal, first, columns, kinds, bool(names), scalars)
+
+
+def _open_end(rows: list[list[str] | None], lines: list[str], delimiter: str, width: int) -> bool:
+    """Whether rows end with a delimiter because a column that the header names is empty in them."""
+    if delimiter == WHITESPACE:
+        return False
+    header = next((parts for parts in rows if parts is not None), [])
+    ends = [
+        line.rstrip().endswith(delimiter)
+        for parts, line in zip(rows[-_TAIL:], lines[-_TAIL:], strict=True)
+        if parts is not None and len(parts) == width and parts is not header
+    ]
+    return len(header) == width + 1 and all(header) and bool(ends) and all(ends)
 
 
 def _kind(values: list[str], decimal: str) -> str:

@@ -54,6 +54,7 @@ from autotune.recordings.importing.plausible import (
     sizes_of_dynamics,
 )
 from autotune.recordings.importing.source import Column, Source
+from autotune.recordings.importing.stated import with_stated_period
 from autotune.recordings.limits import refuse_impossible
 from autotune.recordings.recording import RESERVED_EXPERIMENTS, Metadata, Recording, concatenate
 from autotune.recordings.turn_lines import unit_question
@@ -93,7 +94,7 @@ def import_files(paths: Sequence[Path], options: Options) -> Imported:
     """
     if options.format not in FORMATS:
         raise ConfigurationError(f"--format is {options.format!r}; known are {', '.join(FORMATS)}")
-    files = [_read(path, paths, options) for path in paths]
+    files = [_read(source, paths, options) for source in FORMATS[options.format](paths)]
     if not files:
         raise ConfigurationError("no file was given; name at least one")
     units = {file.unit for file in files}
@@ -114,10 +115,11 @@ def import_files(paths: Sequence[Path], options: Options) -> Imported:
     return Imported(recording, tuple(plain(line) for line in lines + remarks))
 
 
-def _read(path: Path, paths: Sequence[Path], options: Options) -> _File:
-    source = FORMATS[options.format](path)
+def _read(source: Source, paths: Sequence[Path], options: Options) -> _File:
+    path = source.path
     said_columns, labelled = label_column(options, source)
     assigned = parse_assignments(said_columns, source)
+    source = with_stated_period(source, assigned, options.wishes.period)
     choices, doubts = choose(source, assigned, options.wishes)
     unit, why = motion_unit(choices, options.wishes)
     lines = [*source.notes, *said(choices, source), f"motion unit {unit} ({why})"]

@@ -1,8 +1,9 @@
 """MATLAB files up to version 7: arrays, structures flattened with dots, columns of matrices numbered.
 
 `out.signals.values` with two columns becomes `out.signals.values.1` and `.2`. Single numbers can be used
-in factors (`torque=vir*gtau`). Files of version 7.3 are HDF5 and are refused with the remedy. The file is
-read by a process of its own (see `matlab_child`), so that a damaged one ends in a sentence.
+in factors (`torque=vir*gtau`). Signals that were saved one a file, all of one length, are taken together.
+Files of version 7.3 are HDF5 and are refused with the remedy. Each is read by a process of its own (see
+`matlab_child`), so that a damaged one ends in a sentence.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import json
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +41,31 @@ _VERSION_4 = frozenset(
 )
 
 
-def read_matlab(path: Path) -> Source:
-    """Opens a MATLAB file.
+@dataclass(frozen=True, slots=True)
+class _Content:
+    """What one file holds: vectors by name, single numbers, the names of what is neither."""
+
+    path: Path
+    vectors: dict[str, Floats]
+    scalars: dict[str, float]
+    others: list[str]
+
+
+def read_matlab(paths: Sequence[Path]) -> Iterator[Source]:
+    """Opens MATLAB files, one after the other; files with one vector each, all of one length, are one source.
 
     Raises:
         RecordingError: missing, not a MATLAB file, version 7.3, damaged, or no columns of numbers.
     """
+    for number, path in enumerate(paths):
+        content = _content(path)
+        if number == 0 and len(paths) > 1 and len(content.vectors) == 1:
+            yield _source(_together([content, *map(_content, paths[1:])]))
+            return
+        yield _source(content)
+
+
+def _content(path: Path) -> _Content:
     start = foreign_bytes(path)
     refuse_other_format(path, start, _VERSION_5)
     first = {int.from_bytes(start[:4], order) for order in ("little", "big")}
@@ -53,7 +74,21 @@ def read_matlab(path: Path) -> Source:
             f"{path} is no MATLAB file (it does not begin with '{_VERSION_5.decode()}'); check --format"
         )
     head, arrays = _read_apart(path)
-    return _source(path, dict(zip(head["names"], arrays, strict=True)), head["scalars"], head["others"])
+    return _Content(path, dict(zip(head["names"], arrays, strict=True)), head["scalars"], head["others"])
+
+
+def _together(contents: Sequence[_Content]) -> _Content:
+    """One vector of each file, side by side; vectors of one name are told apart by their files."""
+    first = contents[0]
+    vectors = [(content, *item) for content in contents for item in content.vectors.items()]
+    lengths = {len(values) for _, _, values in vectors}
+    if len(vectors) != len(contents) or len(lengths) > 1:
+        return first
+    alone = len({name for _, name, _ in vectors}) == len(vectors)
+    names = [name if alone else f"{content.path.stem}.{name}" for content, name, _ in vectors]
+    scalars = {name: value for content in contents for name, value in content.scalars.items()}
+    values = [values for _, _, values in vectors]
+    return _Content(first.path, dict(zip(names, values, strict=True)), scalars, first.others)
 
 
 def _read_apart(path: Path) -> tuple[dict[str, Any], list[Floats]]:
@@ -78,8 +113,9 @@ def _broken(path: Path, reason: str) -> RecordingError:
     )
 
 
-def _source(path: Path, arrays: dict[str, Floats], scalars: dict[str, float], others: list[str]) -> Source:
+def _source(content: _Content) -> Source:
     """All vectors; those of one length go together."""
+    path, arrays, scalars, others = content.path, content.vectors, content.scalars, content.others
     lengths = Counter(len(values) for values in arrays.values())
     if len(arrays) < 2:
         found = [short(name) for name in (*arrays, *scalars, *others)]
