@@ -26,7 +26,7 @@ from autotune.diagnosis.confirmation import (
     told_apart,
     without,
 )
-from autotune.diagnosis.evidence.evidence import HoldoutResult
+from autotune.diagnosis.evidence.evidence import MOST_UNEXPLAINED, HoldoutResult
 from autotune.diagnosis.refits import with_effects
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.wording import AMBIGUOUS, CONFIRMED, NAMED, NONE, SUSPECTED, UNKNOWN
@@ -44,8 +44,6 @@ from autotune.recordings.recording import Recording
 if TYPE_CHECKING:
     from autotune.diagnosis.verdict import Diagnosis
 
-MOST_UNEXPLAINED = 0.25
-"""Of a recording's torque variance: where more is left, it confirms nothing (an arm's joints, others moving)."""
 ROUNDS = 2
 """Of a fit of the base beside effects that were carried."""
 ORDER = (NAMED, AMBIGUOUS, UNKNOWN, NONE)

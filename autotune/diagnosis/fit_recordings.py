@@ -17,7 +17,7 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.compare import Compared, compare, unseen_error
-from autotune.diagnosis.evidence.evidence import SURE
+from autotune.diagnosis.evidence.evidence import MOST_UNEXPLAINED, SURE
 from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.fitting import fit_model, loose
 from autotune.estimation.model_error import CLEARLY_LESS
@@ -42,6 +42,10 @@ HARDLY_ANY = (
 FITTED_BESIDE = (
     "the model's error is {percent:.0f} % of the torque: most of that belongs to the place and was fitted beside the "
     "model, which does not hold it; take it in with --effects"
+)
+LARGE_PART = (
+    "the model leaves {percent:.0f} % of the torque (rms) unexplained: what it lacks is in its numbers; "
+    "'autotune model diagnose' tells what is missing"
 )
 
 Progress = Callable[[str], None]
@@ -268,6 +272,8 @@ def _with_error(result: FitResult, compared: Compared | None) -> FitResult:
         reason = "; ".join(filter(None, (estimate.reason, why)))
         known = beside and result.estimate.relative_error**2 <= POLICY.misfit
         estimate = replace(estimate, valid=estimate.valid and known, reason=reason)
+    elif estimate.valid and (left := _missing(compared)):
+        estimate = replace(estimate, reason="; ".join(filter(None, (estimate.reason, left))))
     return replace(
         result,
         estimate=estimate,
@@ -275,6 +281,15 @@ def _with_error(result: FitResult, compared: Compared | None) -> FitResult:
         error_rms=compared.error_rms,
         unseen=unseen_error(compared, result.model),
     )
+
+
+def _missing(compared: Compared) -> str:
+    """Said of a model that leaves so much that its numbers stand for something else; "" where it is noise."""
+    share = compared.relative_error**2
+    noise = compared.noise_floor_rms / compared.error_rms if compared.error_rms > 0.0 else math.nan
+    if share <= MOST_UNEXPLAINED or noise**2 > 0.5:
+        return ""
+    return LARGE_PART.format(percent=100.0 * compared.relative_error)
 
 
 def compared_or_none(recordings: Sequence[Recording], model: DriveModel) -> Compared | None:

@@ -1,6 +1,7 @@
 """fit, compare, diagnose and run state one error for one model on one recording."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -226,14 +227,24 @@ def test_the_command_line_prints_one_error(tmp_path: Path, capsys: pytest.Captur
     assert found[2] == pytest.approx(found[1], rel=AGREE)
 
 
-@pytest.mark.parametrize(("error", "valid"), [(0.5, True), (1.11, False)])
-def test_a_fit_that_explains_hardly_any_torque_must_not_be_used(
-    monkeypatch: pytest.MonkeyPatch, error: float, valid: bool
+@pytest.mark.parametrize(
+    ("error", "noise", "valid", "said"),
+    [
+        (0.2, 0.0, True, ""),
+        (0.7, 0.1, True, "leaves 70 % of the torque (rms) unexplained"),
+        (0.7, 0.65, True, ""),
+        (0.7, math.nan, True, "leaves 70 % of the torque (rms) unexplained"),
+        (1.11, 0.0, False, "hardly any"),
+    ],
+)
+def test_a_fit_says_how_little_it_explains(
+    monkeypatch: pytest.MonkeyPatch, error: float, noise: float, valid: bool, said: str
 ) -> None:
     """An encoder of 0.7 mm eccentricity: the fit was valid with an error of 111 % of the torque."""
-    compared = SimpleNamespace(relative_error=error, error_rms=1.0)
+    compared = SimpleNamespace(relative_error=error, error_rms=error, noise_floor_rms=noise)
     monkeypatch.setattr(fit_module, "unseen_error", lambda *_: None)
     result = FitResult(base_model(AXIS), "programme", Estimate("all", relative_error=0.02), ())
     found = fit_module._with_error(result, cast(Any, compared))
     assert found.valid is valid
-    assert ("hardly any" in found.reason) is not valid
+    assert said in found.reason
+    assert bool(said) is bool(found.reason)

@@ -55,6 +55,8 @@ CLEARLY_LESS = 0.98
 """Of the mean square: what another delay must leave at most to be taken for it; what else a model lacks bends both."""
 NEXT_TO_ALL = 0.99
 """Of what a rival leaves: who explains so much of that is told from it, however little it is of all."""
+MOST_UNEXPLAINED = 0.25
+"""Of a recording's torque variance: where more is left, it confirms nothing (an arm's joints, others moving)."""
 SURE = 2.0
 """Standard errors by which a lag must be longer than a current loop's to be more."""
 
