@@ -350,13 +350,16 @@ def _untold(facts: Facts, told_apart: Sequence[str] = (), behind: Sequence[str] 
         return ()
     alike = facts.evidence.alike(problem)
     motor = like_a_motor(problem, facts.root, chosen.model_fit, alike)
-    else_as_well = facts.edge or motor or like_a_spring(problem, facts.root, chosen.model_fit, alike)
+    spring = like_a_spring(problem, facts.root, chosen.model_fit, alike)
+    else_as_well = facts.edge or motor or spring
     if not (else_as_well or facts.unlike or not own_course(problem, chosen.model_fit, chosen.effect)):
         return ()
     gains = {item.effect: item.gain for item in facts.first}
     least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
     unit = problem.data.metadata.motion_unit
-    near = [one for one in usual_rivals(chosen.effect) if EFFECTS[one].is_of(unit)]
+    alike_to = [*usual_rivals(chosen.effect), *((PULL.name, *usual_rivals(PULL.name)) if spring else ())]
+    alike_to = [one for one in dict.fromkeys(alike_to) if one != chosen.effect]
+    near = [one for one in alike_to if EFFECTS[one].is_of(unit)]
     as_well = {MOTOR} if motor and not _errs_more(facts, MOTOR) else set()
     near = [one for one in near if one in as_well or gains.get(one, _unsought(facts, one)) >= least]
     near = [one for one in near if one not in told_apart]
