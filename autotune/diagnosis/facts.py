@@ -287,6 +287,24 @@ class Facts:
         return not self.accepted and self.chosen is not None and self.chosen.share < LAW_DIFFERS
 
     @property
+    def shared_out(self) -> bool:
+        """Whether one of several effects explains less than a name asks of what the others leave: suspected at best.
+
+        All together explain enough; but beside that one's part what is left of training and veto is no crumb, and what
+        leaves it (another law of the first effect, or of the base) may have lent it that part, too.
+        """
+        problem, chosen = self.problem, self.chosen
+        if chosen is None or len(chosen.model_fit.effects) < 2 or not self.evidence.repeats:
+            return False
+        for effect in chosen.model_fit.effects:
+            less = without_effect(problem, self.root, chosen.model_fit, effect)
+            parts = explained_of_rest(problem, less.model_fit, chosen.model_fit) if less is not None else []
+            fall, left = sum(part.fall for part in parts), sum(part.left for part in parts)
+            if left > (1.0 - problem.policy.named) * (fall + left):
+                return True
+        return False
+
+    @property
     def own_law(self) -> bool:
         """Another law of presliding explains enough, and nothing else was found."""
         with_it = replace(self, chosen=self.presliding, freed={})
