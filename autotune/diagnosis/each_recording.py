@@ -148,15 +148,20 @@ def _unless_contradicted(best: Diagnosis, alone: Sequence[Diagnosis]) -> Diagnos
 
     It is one of the two or neither; which of them was asked first says nothing.
     """
-    named = [
-        one.effects for one in alone if one.verdict == NAMED and not set(one.effects) & set(best.effects)
-    ]
-    if best.verdict != NAMED or best.confidence == CONFIRMED or not named:
+    others = [effects for effects in map(_shown, alone) if effects and not set(effects) & set(best.effects)]
+    if best.verdict != NAMED or best.confidence == CONFIRMED or not others:
         return best
-    rivals = tuple(dict.fromkeys((*best.effects, *(effect for effects in named for effect in effects))))
+    rivals = tuple(dict.fromkeys((*best.effects, *(effect for effects in others for effect in effects))))
     own_axis = best.problem is not None and bool(best.problem.data.metadata.fingerprint)
     ask = separating_experiment(rivals, own_axis)
     return replace(best, verdict=AMBIGUOUS, confusable=(rivals,), next_experiment=ask)
+
+
+def _shown(alone: Diagnosis) -> tuple[str, ...]:
+    """Effects of which a recording by itself shows one or all: what it names, or cannot tell apart."""
+    rivals = alone.confusable if alone.verdict == AMBIGUOUS else ()
+    named = alone.effects if alone.verdict in (NAMED, AMBIGUOUS) else ()
+    return tuple(dict.fromkeys((*named, *(effect for effects in rivals for effect in effects))))
 
 
 def _told(one: _Alone, others: Sequence[_Alone], judge: Judge, progress: Progress) -> Diagnosis:
@@ -219,11 +224,9 @@ def _doubt(one: _Alone, others: Sequence[_Alone], bases: Sequence[OwnBase], mode
     if not shown & set(model_fit.effects):
         return f"no recording by itself shows {' and '.join(model_fit.effects).replace('_', ' ')} first"
     for other in others:
-        said, names = other.verdict.verdict, set(other.verdict.effects)
-        if said == AMBIGUOUS:
-            names |= {effect for rivals in other.verdict.confusable for effect in rivals}
-        if said in (NAMED, AMBIGUOUS) and not names & set(model_fit.effects):
-            between = " or " if said == AMBIGUOUS else " and "
+        names = _shown(other.verdict)
+        if names and not set(names) & set(model_fit.effects):
+            between = " or " if other.verdict.verdict == AMBIGUOUS else " and "
             return f"recording {other.number} by itself shows {between.join(sorted(names)).replace('_', ' ')}"
     doubts = [much_unexplained(one.found.problem, model_fit, one.number)]
     doubts += [base.doubt(model_fit) for base in bases]

@@ -279,9 +279,16 @@ def test_two_recordings_say_at_least_what_the_better_one_says(
         (_verdict("named", "stribeck", confidence="suspected"), SEEN, ("spring", "stribeck")),
         (_verdict("named", "stribeck", confidence="suspected"), SURE, ()),
         (_verdict("named", "spring", "stribeck", confidence="suspected"), SEEN, ()),
-        (_verdict("ambiguous", "stribeck"), SEEN, ()),
+        (_verdict("ambiguous", "stribeck"), SEEN, ("spring", "stribeck")),
+        (replace(_verdict("ambiguous", "stribeck"), confusable=(("stribeck", "spring"),)), SEEN, ()),
     ],
-    ids=["nothing in common", "confirmed", "a part in common", "the other is in doubt itself"],
+    ids=[
+        "nothing in common",
+        "confirmed",
+        "a part in common",
+        "one of several others",
+        "one of several, itself among them",
+    ],
 )
 def test_names_that_have_nothing_in_common_are_ambiguous_unless_one_is_confirmed(
     monkeypatch: pytest.MonkeyPatch, other: Diagnosis, first: Diagnosis, rivals: tuple[str, ...]
