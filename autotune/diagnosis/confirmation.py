@@ -6,7 +6,8 @@ viscosity too. So each effect is taken out, the best alternatives are fitted in 
 confirmed is what errs clearly less there than every rival.
 
 What is not refitted must be the same there. A recording with a base of its own is no such trajectory: only the base is
-refitted (`each_recording`), and what it cannot show says nothing.
+refitted (`each_recording`), and what it cannot show says nothing. Of several effects that were found together each is
+asked beside the others with values that they have there: what two share of one torque, one of them alone may carry.
 """
 
 from __future__ import annotations
@@ -44,10 +45,18 @@ class Elsewhere:
     Attributes:
         error_of: what a model leaves there, shape (rows,) [N m or N]; None where its twin is unstable.
         own_base: whether the base is refitted there, and an effect is judged by its own part alone.
+        beside: the same of a model of which some effects, by their names, have values of their own there.
     """
 
     error_of: Callable[[ModelFit], Floats | None]
     own_base: bool = False
+    beside: Callable[[ModelFit, Collection[str]], Floats | None] | None = None
+
+    def with_and_without(self, more: ModelFit, less: ModelFit) -> tuple[Floats | None, Floats | None]:
+        """What models with and without an effect leave, beside the others that both have."""
+        if self.beside is None or not less.effects:
+            return self.error_of(more), self.error_of(less)
+        return self.beside(more, less.effects), self.beside(less, less.effects)
 
 
 def confirm(found: Found, nominal: Packed) -> tuple[FittedCandidate | None, list[HoldoutResult]]:
@@ -209,7 +218,7 @@ def _carried(
     before: list[float] = []
     after: list[float] = []
     for other in others:
-        plain, with_effect = other.error_of(less), other.error_of(more)
+        with_effect, plain = other.with_and_without(more, less)
         if plain is None or with_effect is None:
             return None
         size = min(float(np.mean(error**2)) for error in (plain, with_effect))

@@ -29,7 +29,15 @@ from autotune.diagnosis.confirmation import (
 from autotune.diagnosis.evidence.evidence import MOST_UNEXPLAINED, HoldoutResult
 from autotune.diagnosis.refits import with_effects
 from autotune.diagnosis.search import Found
-from autotune.diagnosis.wording import AMBIGUOUS, CONFIRMED, NAMED, NONE, SUSPECTED, UNKNOWN
+from autotune.diagnosis.wording import (
+    AMBIGUOUS,
+    CONFIRMED,
+    NAMED,
+    NONE,
+    SUSPECTED,
+    UNKNOWN,
+    separating_experiment,
+)
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import TRAINING, VETO, Prepared
@@ -128,7 +136,30 @@ def of_each(
             best = told
         if best.confidence == CONFIRMED:
             break
-    return best if best is None else replace(best, notes=(*silent, *best.notes))
+    if best is None:
+        return None
+    return _unless_contradicted(replace(best, notes=(*silent, *best.notes)), [one.verdict for one in alone])
+
+
+def _unless_contradicted(best: Diagnosis, alone: Sequence[Diagnosis]) -> Diagnosis:
+    """The verdict; ambiguous where no recording confirms it, and one by itself names something else altogether.
+
+    It is one of the two or neither; which of them was asked first says nothing.
+    """
+    others = [effects for effects in map(_shown, alone) if effects and not set(effects) & set(best.effects)]
+    if best.verdict != NAMED or best.confidence == CONFIRMED or not others:
+        return best
+    rivals = tuple(dict.fromkeys((*best.effects, *(effect for effects in others for effect in effects))))
+    own_axis = best.problem is not None and bool(best.problem.data.metadata.fingerprint)
+    ask = separating_experiment(rivals, own_axis)
+    return replace(best, verdict=AMBIGUOUS, confusable=(rivals,), next_experiment=ask)
+
+
+def _shown(alone: Diagnosis) -> tuple[str, ...]:
+    """Effects of which a recording by itself shows one or all: what it names, or cannot tell apart."""
+    rivals = alone.confusable if alone.verdict == AMBIGUOUS else ()
+    named = alone.effects if alone.verdict in (NAMED, AMBIGUOUS) else ()
+    return tuple(dict.fromkeys((*named, *(effect for effects in rivals for effect in effects))))
 
 
 def _told(one: _Alone, others: Sequence[_Alone], judge: Judge, progress: Progress) -> Diagnosis:
@@ -191,9 +222,10 @@ def _doubt(one: _Alone, others: Sequence[_Alone], bases: Sequence[OwnBase], mode
     if not shown & set(model_fit.effects):
         return f"no recording by itself shows {' and '.join(model_fit.effects).replace('_', ' ')} first"
     for other in others:
-        names = set(other.verdict.effects)
-        if other.verdict.verdict == NAMED and not names & set(model_fit.effects):
-            return f"recording {other.number} by itself shows {' and '.join(sorted(names)).replace('_', ' ')}"
+        names = _shown(other.verdict)
+        if names and not set(names) & set(model_fit.effects):
+            between = " or " if other.verdict.verdict == AMBIGUOUS else " and "
+            return f"recording {other.number} by itself shows {between.join(sorted(names)).replace('_', ' ')}"
     doubts = [much_unexplained(one.found.problem, model_fit, one.number)]
     doubts += [base.doubt(model_fit) for base in bases]
     return next(filter(None, doubts), "")
@@ -231,7 +263,7 @@ class OwnBase:
         self._known: list[tuple[ModelFit, ModelFit | None]] = []
 
     def elsewhere(self) -> Elsewhere:
-        return Elsewhere(self._error_of, own_base=True)
+        return Elsewhere(self._error_of, own_base=True, beside=self._error_beside)
 
     def fit_of(self, model_fit: ModelFit) -> ModelFit | None:
         """The base beside a model's effects; None where the twin is unstable with them."""
@@ -246,17 +278,34 @@ class OwnBase:
         self._known.append((model_fit, settled))
         return settled
 
-    def _fitted(self, start: Packed, model_fit: ModelFit) -> ModelFit | None:
-        """The base from a start, beside a model's effects; levels of friction in proportion to the friction there."""
+    def _fitted(self, start: Packed, model_fit: ModelFit, anew: Collection[str] = ()) -> ModelFit | None:
+        """The base from a start, beside a model's effects; levels of friction in proportion to the friction there.
+
+        Effects that are found `anew` begin so, and have values of their own there.
+        """
         own, effects = model_fit.fitted.packed, model_fit.effects
         packed = with_effects(start, own, effects)
         for level, base in levels_above(effects):
             if own.p[base] > 0.0:
                 packed.p[level] = own.p[level] * start.p[base] / own.p[base]
-        return fit_inside_twin(self.problem, packed, list(self.root.free), ROUNDS, effects)
+        free = list(self.root.free)
+        if anew:
+            slots = {parameter.slot for name in anew for parameter in EFFECTS[name].parameters}
+            slots -= {one.slot for one in free}
+            free += [one for one in model_fit.free if one.slot in slots]
+        return fit_inside_twin(self.problem, packed, free, ROUNDS, effects)
 
     def _error_of(self, model_fit: ModelFit) -> Floats | None:
-        settled, weight = self.fit_of(model_fit), self.problem.training
+        return self._weighted(self.fit_of(model_fit))
+
+    def _error_beside(self, model_fit: ModelFit, anew: Collection[str]) -> Floats | None:
+        settled = self.fit_of(model_fit)
+        if settled is None:
+            return None
+        return self._weighted(self._fitted(settled.fitted.packed, model_fit, anew))
+
+    def _weighted(self, settled: ModelFit | None) -> Floats | None:
+        weight = self.problem.training
         return None if settled is None else (settled.fitted.error * np.sqrt(weight))[weight > 0]
 
     def doubt(self, model_fit: ModelFit) -> str:

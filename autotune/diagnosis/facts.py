@@ -287,6 +287,24 @@ class Facts:
         return not self.accepted and self.chosen is not None and self.chosen.share < LAW_DIFFERS
 
     @property
+    def shared_out(self) -> bool:
+        """Whether one of several effects explains less than a name asks of what the others leave: suspected at best.
+
+        All together explain enough; but beside that one's part what is left of training and veto is no crumb, and what
+        leaves it (another law of the first effect, or of the base) may have lent it that part, too.
+        """
+        problem, chosen = self.problem, self.chosen
+        if chosen is None or len(chosen.model_fit.effects) < 2 or not self.evidence.repeats:
+            return False
+        for effect in chosen.model_fit.effects:
+            less = without_effect(problem, self.root, chosen.model_fit, effect)
+            parts = explained_of_rest(problem, less.model_fit, chosen.model_fit) if less is not None else []
+            fall, left = sum(part.fall for part in parts), sum(part.left for part in parts)
+            if left > (1.0 - problem.policy.named) * (fall + left):
+                return True
+        return False
+
+    @property
     def own_law(self) -> bool:
         """Another law of presliding explains enough, and nothing else was found."""
         with_it = replace(self, chosen=self.presliding, freed={})
@@ -350,13 +368,16 @@ def _untold(facts: Facts, told_apart: Sequence[str] = (), behind: Sequence[str] 
         return ()
     alike = facts.evidence.alike(problem)
     motor = like_a_motor(problem, facts.root, chosen.model_fit, alike)
-    else_as_well = facts.edge or motor or like_a_spring(problem, facts.root, chosen.model_fit, alike)
+    spring = like_a_spring(problem, facts.root, chosen.model_fit, alike)
+    else_as_well = facts.edge or motor or spring
     if not (else_as_well or facts.unlike or not own_course(problem, chosen.model_fit, chosen.effect)):
         return ()
     gains = {item.effect: item.gain for item in facts.first}
     least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
     unit = problem.data.metadata.motion_unit
-    near = [one for one in usual_rivals(chosen.effect) if EFFECTS[one].is_of(unit)]
+    alike_to = [*usual_rivals(chosen.effect), *((PULL.name, *usual_rivals(PULL.name)) if spring else ())]
+    alike_to = [one for one in dict.fromkeys(alike_to) if one != chosen.effect]
+    near = [one for one in alike_to if EFFECTS[one].is_of(unit)]
     as_well = {MOTOR} if motor and not _errs_more(facts, MOTOR) else set()
     near = [one for one in near if one in as_well or gains.get(one, _unsought(facts, one)) >= least]
     near = [one for one in near if one not in told_apart]

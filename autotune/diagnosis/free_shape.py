@@ -31,6 +31,7 @@ from autotune.models.drive_model import Packed
 from autotune.models.effect import Proportion
 from autotune.models.look_alikes import IN_TORQUE
 from autotune.models.reversal_memory import REVERSAL_MEMORY
+from autotune.models.spring import SPRING
 from autotune.models.table import EFFECTS
 from autotune.signals.chunks import beyond_chance, by_second
 from autotune.signals.line_search import lowest
@@ -124,15 +125,17 @@ def like_a_spring(
     """Whether a spring of two coefficients explains as much as an effect, over too little travel to show its course.
 
     A wave of free phase has two as well; no better than a parabola, or than a spring that is met on the way from either
-    side, a wave is a spring, too. `alike`: of the fall, what counts as no better. `effect`: of several, which one; what
-    the others do is refitted beside either.
+    side, a wave is a spring, too. So is an element that is bent over most of the travel. Beside a spring the two are
+    those that bend its line: what adds no more is the spring's own course. `alike`: of the fall, what counts as no
+    better. `effect`: of several, which one; what the others do is refitted beside either.
     """
     effect = effect or (model_fit.effects[0] if len(model_fit.effects) == 1 else "")
     if effect not in without_own_course(problem, model_fit):
         return False
     place = problem.data.position[problem.data.grid] / problem.scales.travel
     inside = np.min(place) + MET_AT * np.ptp(place)
-    springs = [np.column_stack([place, place**2])]
+    bent = place**3 if SPRING.name in model_fit.effects else place
+    springs = [np.column_stack([bent, place**2])]
     springs += [side * np.maximum(side * (place - at), 0.0)[:, None] for at in inside for side in (1.0, -1.0)]
     return any(_as_well(problem, root, model_fit, effect, table, alike) for table in springs)
 

@@ -371,6 +371,16 @@ def climbing(p: Floats) -> tuple[list[int], float]:
     return [int(i) + 1 for i in used if reach[i] <= way], way
 
 
+def shows_course(p: Floats, travel: float) -> bool:
+    """Whether elements slide on most of a stroke over the travel [rad or m].
+
+    After a reversal an element is bent over twice its displacement, and follows the place there as a spring does.
+    """
+    reach, torque = _used(p)
+    in_use = torque > IN_USE * torque.sum()
+    return bool(4.0 * reach[in_use].max(initial=0.0) <= travel)
+
+
 def longest_displacement(p: Floats) -> float:
     """Travel after which all elements slide [rad or m]."""
     return float(np.max(p[_AT : _AT + 2 * ELEMENTS : 2]))
@@ -393,6 +403,7 @@ REVERSAL_MEMORY = Kind(
     freed_later=displacements,
     terms=Terms("displacement", ("torque",)),
     extent=mean_reach,
+    shows_course=shows_course,
     quick=True,
     approximate=True,
 )

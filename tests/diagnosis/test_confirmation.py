@@ -105,6 +105,28 @@ def test_an_effect_falls_where_another_recording_plainly_errs_more_with_it(
     assert carried[0].refuted != kept
 
 
+@pytest.mark.parametrize(("anew", "lowers"), [({}, True), ({"gravity_imbalance": 0.5}, False)])
+def test_one_of_several_is_asked_beside_the_others_with_values_of_their_own(
+    monkeypatch: pytest.MonkeyPatch, anew: dict[str, float], lowers: bool
+) -> None:
+    """A spring and a wave of the other sign bend one course; a wave of its own value alone leaves as little there."""
+    monkeypatch.setattr(confirmation, "evidence_of", lambda _: None)
+    both = SimpleNamespace(effect="spring", model_fit=_model_fit("spring", "gravity_imbalance"))
+    left = {(): 4.0, ("spring",): 3.0, ("gravity_imbalance",): 0.7, ("spring", "gravity_imbalance"): 0.5}
+
+    def without(_: object, __: object, model_fit: SimpleNamespace, effect: str) -> SimpleNamespace:
+        return SimpleNamespace(model_fit=_model_fit(*(one for one in model_fit.effects if one != effect)))
+
+    def beside(model_fit: SimpleNamespace, settled: tuple[str, ...]) -> np.ndarray:
+        known = left[model_fit.effects]
+        return np.full(400, anew.get(settled[0], known) if len(model_fit.effects) == 1 else known)
+
+    monkeypatch.setattr(confirmation, "without_effect", without)
+    other = Elsewhere(lambda one: np.full(400, left[one.effects]), own_base=True, beside=beside)
+    carried = confirmation.hold_out(_found(both).problem, _model_fit(), both, [other])
+    assert {one.effect: one.lowers for one in carried} == {"spring": lowers, "gravity_imbalance": True}
+
+
 def test_another_recording_tells_apart_what_one_cannot() -> None:
     spring, imbalance = _item("spring"), _item("gravity_imbalance")
     found = _found(spring, (spring, imbalance))
@@ -249,6 +271,35 @@ def test_two_recordings_say_at_least_what_the_better_one_says(
     )
     assert found.notes[-1] == number
     assert any("tells too little by itself" in note for note in found.notes) == (REFUSED in told[0])
+
+
+@pytest.mark.parametrize(
+    ("other", "first", "rivals"),
+    [
+        (_verdict("named", "stribeck", confidence="suspected"), SEEN, ("spring", "stribeck")),
+        (_verdict("named", "stribeck", confidence="suspected"), SURE, ()),
+        (_verdict("named", "spring", "stribeck", confidence="suspected"), SEEN, ()),
+        (_verdict("ambiguous", "stribeck"), SEEN, ("spring", "stribeck")),
+        (replace(_verdict("ambiguous", "stribeck"), confusable=(("stribeck", "spring"),)), SEEN, ()),
+    ],
+    ids=[
+        "nothing in common",
+        "confirmed",
+        "a part in common",
+        "one of several others",
+        "one of several, itself among them",
+    ],
+)
+def test_names_that_have_nothing_in_common_are_ambiguous_unless_one_is_confirmed(
+    monkeypatch: pytest.MonkeyPatch, other: Diagnosis, first: Diagnosis, rivals: tuple[str, ...]
+) -> None:
+    """Falling friction in one recording, refuted by the other, and a motor that saturates in that one."""
+    found = _diagnosed(monkeypatch, [(SEEN, first), (other, LOST)])
+    assert found is not None
+    assert found.effects == ("spring",)
+    assert found.verdict == ("ambiguous" if rivals else "named")
+    assert found.confusable == ((rivals,) if rivals else ())
+    assert bool(found.next_experiment) == bool(rivals)
 
 
 def test_recordings_that_tell_nothing_one_by_one_are_diagnosed_together(

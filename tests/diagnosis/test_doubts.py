@@ -234,6 +234,41 @@ def test_an_effect_that_lowers_every_stretch_by_half_is_no_chance(
 
 
 @pytest.mark.parametrize(
+    ("part", "gain", "evenly", "exact", "slides", "effect", "matters"),
+    [
+        (0.008, 0.2, 0.0, False, True, "stribeck", True),
+        (0.004, 0.2, 0.0, False, True, "stribeck", False),
+        (0.004, 0.9, 4.0, False, True, "stribeck", True),  # in a few quick moves, but in all of them
+        (0.004, 0.9, 2.6, False, True, "stribeck", False),
+        (0.001, 0.2, 0.0, True, True, "stribeck", True),  # all that the chain does is known
+        (0.001, 0.2, 0.0, True, False, "stribeck", False),  # another law of presliding
+        (0.001, 0.9, 4.0, True, True, "torque_lag", False),
+    ],
+)
+def test_so_little_is_the_measurement_chain_where_that_is_not_known(
+    monkeypatch: pytest.MonkeyPatch,
+    part: float,
+    gain: float,
+    evenly: float,
+    exact: bool,
+    slides: bool,
+    effect: str,
+    matters: bool,
+) -> None:
+    monkeypatch.setattr(single, "part_of_torque", lambda *_: part)
+    monkeypatch.setattr(single, "while_sliding", lambda *_: slides)
+    item = SimpleNamespace(effect=effect, gain=gain, z=2.6, evenly=evenly)
+    problem = SimpleNamespace(policy=POLICY, twin=True, controller=SimpleNamespace(exact=exact))
+    assert single.matters(problem, None, item) is matters
+
+
+def test_what_a_disturbance_makes_by_itself_tells_nothing_where_nothing_is_repeated() -> None:
+    gains = {"velocity": 0.1, "acceleration": 0.2, "position": 0.1, "time": 0.5, "travel_since_reversal": 0.1}
+    assert set(SingleRecording().telling(gains)) == {"velocity", "position", "travel_since_reversal"}
+    assert RepeatedProgramme().telling(gains) == gains
+
+
+@pytest.mark.parametrize(
     ("effect", "least"), [("torque_lag", 0.5), ("elastic_transmission", 0.5), ("stribeck", 0.08)]
 )
 def test_what_bends_to_any_dynamics_must_be_plain_in_a_lone_recording(effect: str, least: float) -> None:

@@ -279,6 +279,47 @@ def test_a_wave_beside_another_effect_may_be_a_spring_that_is_met_on_the_way(met
     assert not like_a_spring(problem, bare, found, POLICY.alike, "direction_asymmetry")
 
 
+@pytest.mark.parametrize(("slides", "spring"), [(False, True), (True, False)])
+def test_an_element_that_hardly_slides_may_be_a_spring(slides: bool, spring: bool) -> None:
+    """Bent over all of the travel but its last hundredth it pulls as a spring does; half as long it shows a loop."""
+    time = np.arange(0.0, 20.0, PERIOD)
+    q = 1.5 * np.sin(2 * np.pi * 0.31 * time) + 0.8 * np.sin(2 * np.pi * 0.73 * time + 1.0)
+    reach = 0.5 * float(np.ptp(q)) * (0.48 if slides else 0.99)
+    bent = np.zeros(len(q))
+    for k in range(1, len(q)):
+        bent[k] = np.clip(bent[k - 1] + q[k] - q[k - 1], -reach, reach)
+    torque = _torque(q) + 0.5 * COULOMB * (bent / reach if slides else q / reach)
+    torque = torque + np.random.default_rng(5).normal(0.0, 2e-3, len(q))
+    recording = _with(_recording(), position=np.round(q / COUNT) * COUNT, torque=torque)
+    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
+    plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
+    element = {"displacement_1": reach, "torque_1": 0.5 * COULOMB}
+    data, kind = prepared_for([recording]), EFFECTS["reversal_memory"]
+    problem, root, _, _ = begin(data, plain)
+    _, found, _, _ = begin(data, plain.with_effect(kind.make(element)))
+    found = replace(found, effects=(kind.name,))
+    assert like_a_spring(problem, root, found, POLICY.alike) is spring
+
+
+@pytest.mark.parametrize(("softens", "spring"), [(True, True), (False, False)])
+def test_a_wave_beside_a_spring_may_be_the_spring_s_own_course(softens: bool, spring: bool) -> None:
+    """Over half a turn; a weight that hangs there too is told over two."""
+    time = np.arange(0.0, 20.0, PERIOD)
+    size = 0.6 if softens else 3.0
+    q = size * (1.5 * np.sin(2 * np.pi * 0.31 * time) + 0.8 * np.sin(2 * np.pi * 0.73 * time + 1.0))
+    pull = 0.06 * np.tanh(q) if softens else 0.01 * q + 0.03 * np.sin(q)
+    torque = _torque(q) + pull + np.random.default_rng(5).normal(0.0, 2e-3, len(q))
+    recording = _with(_recording(), position=np.round(q / COUNT) * COUNT, torque=torque)
+    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
+    plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
+    model = plain.with_effect(EFFECTS["spring"].make({"stiffness": 0.01}))
+    model = model.with_effect(EFFECTS["gravity_imbalance"].make({"sin": 0.03, "cos": 0.0}))
+    problem, root, _, _ = begin(prepared_for([recording]), model)
+    found = replace(root, effects=("spring", "gravity_imbalance"))
+    bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
+    assert like_a_spring(problem, bare, found, POLICY.alike, "gravity_imbalance") is spring
+
+
 @pytest.mark.parametrize("saturates", [True, False])
 def test_friction_that_only_driving_shows_may_be_a_motor_that_saturates(saturates: bool) -> None:
     """A motor falls short whichever way it turns; the friction of what its load presses helps to brake."""

@@ -86,22 +86,32 @@ def test_a_limit_cycle_is_told_where_it_outweighs_friction(
 
 
 @pytest.mark.parametrize(
-    ("sizes", "in_step", "steady"),
+    ("sizes", "in_step", "repeated", "steady"),
     [
-        ((1.0, 1.0, 1.0, 1.0), True, True),
-        ((0.0, 1.0, 2.0, 1.5), True, False),
-        ((0.0, 2.0, 0.0, 0.0), True, None),
-        ((1.0, 1.0, 1.0, 1.0), False, None),
-        ((0.0, 1.0, 2.0, 1.5), False, None),
+        ((1.0, 1.0, 1.0, 1.0), True, True, True),
+        ((0.0, 1.0, 2.0, 1.5), True, True, False),
+        ((0.0, 2.0, 0.0, 0.0), True, True, None),
+        ((1.0, 1.0, 1.0, 1.0), False, True, None),
+        ((0.0, 1.0, 2.0, 1.5), False, True, None),
+        ((1.0, 1.0, 1.0, 1.0), True, False, True),
+        ((0.0, 1.0, 2.0, 1.5), True, False, None),
     ],
-    ids=["steady", "comes and goes", "in one experiment", "begins with each motion", "begins with some"],
+    ids=[
+        "steady",
+        "comes and goes",
+        "in one experiment",
+        "begins with each motion",
+        "begins with some",
+        "steady in one motion",
+        "in parts of one motion",
+    ],
 )
 def test_a_force_in_step_with_the_clock_is_told_from_what_a_motion_makes(
-    sizes: tuple[float, ...], in_step: bool, steady: bool | None
+    sizes: tuple[float, ...], in_step: bool, repeated: bool, steady: bool | None
 ) -> None:
     """In noise of a fifth; the repeats are eleven and a half periods apart, the experiments none of a whole number."""
     problem, _ = _problem()
-    problem.data.stretches, problem.data.periodic = (None,), ()
+    problem.data.stretches, problem.data.periodic, problem.data.repeated = (None,), (), repeated
     clock = problem.data.grid * PERIOD
     own = np.tile(np.arange(COUNT) * PERIOD, 2 * BLOCKS)
     size = np.repeat(sizes, 2 * COUNT)

@@ -17,6 +17,7 @@ from autotune.diagnosis.facts import Facts
 from autotune.diagnosis.free_shape import OtherProportion
 from autotune.diagnosis.starts import varying
 from autotune.diagnosis.verdict import CASES
+from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
 from autotune.models.drive_model import base_model
@@ -419,6 +420,50 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
     problem = SimpleNamespace(policy=POLICY, data=data)
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
     assert set(facts._untold(Facts(*known, **signs))) == rivals
+
+
+@pytest.mark.parametrize(
+    ("as_well", "gains", "rivals"),
+    [
+        (True, {"spring": 0.8, "gravity_imbalance": 0.8}, ("gravity_imbalance", "spring")),
+        (True, {"gravity_imbalance": 0.8}, ("gravity_imbalance", "spring")),
+        (False, {"spring": 0.8, "gravity_imbalance": 0.8}, ()),
+    ],
+    ids=["both gain", "nobody looked for a spring", "it slides"],
+)
+def test_a_memory_that_does_what_a_spring_does_stands_beside_it(
+    monkeypatch: pytest.MonkeyPatch, as_well: bool, gains: dict[str, float], rivals: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(facts, "like_a_spring", lambda *_: as_well)
+    monkeypatch.setattr(facts, "like_a_motor", lambda *_: False)
+    monkeypatch.setattr(facts, "own_course", lambda *_: True)
+    fit = SimpleNamespace(effects=("reversal_memory",))
+    chosen = SimpleNamespace(effect="reversal_memory", gain=0.9, model_fit=fit)
+    others = {one: 0.0 for one in EFFECTS if one not in ("spring", "reversal_memory")} | gains
+    first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in others.items()]
+    data = SimpleNamespace(starts=(0,), metadata=SimpleNamespace(motion_unit="rad"))
+    problem = SimpleNamespace(policy=POLICY, data=data, candidates=())
+    known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
+    monkeypatch.setattr(facts, "_unsought", lambda *_: math.inf)
+    assert tuple(sorted(facts._untold(Facts(*known)))) == rivals
+
+
+@pytest.mark.parametrize(
+    ("effects", "left", "shared_out"),
+    [(("spring",), 0.4, False), (("spring", "stribeck"), 0.02, False), (("spring", "stribeck"), 0.4, True)],
+)
+def test_what_is_as_much_of_what_is_left_is_not_confirmed_beside_another(
+    monkeypatch: pytest.MonkeyPatch, effects: tuple[str, ...], left: float, shared_out: bool
+) -> None:
+    """Falling friction beside friction under load, on a contact of another law: 97 % of all, 77 % of the second's."""
+    without = SimpleNamespace(model_fit=None)
+    monkeypatch.setattr(facts, "without_effect", lambda *_: without)
+    parts = [Explained(1.0, left), Explained(0.1, 0.0)]
+    monkeypatch.setattr(facts, "explained_of_rest", lambda *_: parts)
+    problem = SimpleNamespace(policy=POLICY)
+    chosen = SimpleNamespace(model_fit=SimpleNamespace(effects=effects))
+    known = (problem, None, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, ())
+    assert Facts(*known).shared_out is shared_out
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,7 @@ from autotune.models.reversal_memory import (
     of_many_contacts,
     of_one_contact,
     share_damping,
+    shows_course,
 )
 from autotune.models.stribeck import STRIBECK
 from autotune.models.table import EFFECTS
@@ -342,3 +343,17 @@ def test_yielding_elements_are_damped_less_the_further_they_are_bent() -> None:
     memory_torque(p, state, 5e-4, 1.0, 1e-3)
     expected = 0.06 * (1.0 - 0.5 * bent[0]) + 0.02 * (1.0 - 0.5 * bent[1])
     assert memory_damping(p, state, 1e-6, 1.0) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("long", "carries", "shown"), [(0.2, 0.5, True), (0.3, 0.5, False), (1.2, 0.5, False), (1.2, 0.01, True)]
+)
+def test_an_element_that_is_bent_over_most_of_the_travel_follows_the_place(
+    long: float, carries: float, shown: bool
+) -> None:
+    """Over a travel of 1; one that hardly carries anything says nothing of the others."""
+    p = base_model(NOMINAL).pack().p
+    for number, (displacement, torque) in enumerate([(0.01, 0.5), (long, carries)], 1):
+        p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
+        p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
+    assert shows_course(p, 1.0) is shown

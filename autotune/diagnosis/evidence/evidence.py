@@ -9,7 +9,7 @@ lags.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -195,6 +195,10 @@ class Evidence(ABC):
     def only_at_rests(self, problem: Problem, before: ModelFit, candidate: FittedCandidate) -> bool:
         """Whether an effect that rests show explains no more than a bristle's unknown stretch at each rest does."""
         return False
+
+    def telling(self, generic: Mapping[str, float]) -> Mapping[str, float]:
+        """Of the gains of free functions of each coordinate those that no disturbance makes."""
+        return generic
 
     @abstractmethod
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:

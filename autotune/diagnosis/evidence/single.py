@@ -12,7 +12,7 @@ there, wrong ones raise it. Each recording is held out in turn; a `veto` segment
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -49,6 +49,10 @@ ITERATIONS = 10
 MOST_LIKELY, SURROGATES = 6, 20
 MOST_NEIGHBOURS, LEAST_NEIGHBOURS, NEIGHBOURS = 6000, 300, 40
 APART = 0.5  # s, between rows that are compared
+OF_DISTURBANCES = ("time", "acceleration")
+"""Coordinates of which free functions say nothing where nothing is repeated. Each moment is there once: any level that
+wanders has a course in time. And what a force from outside moves is the acceleration: where that is small it is the
+force's own, and goes with what is left (an error in the variable, by which a regression on it is off)."""
 
 
 class SingleRecording(Evidence):
@@ -85,8 +89,7 @@ class SingleRecording(Evidence):
         likely = [
             i
             for i in ranked
-            if i.gain >= least_of(policy, i, least)
-            and max(i.z, i.evenly if i.gain >= policy.clear_single_gain else 0.0) >= least_z
+            if i.gain >= least_of(policy, i, least) and beyond_chance_by(policy, i) >= least_z
         ]
         return [item for item in likely if visible(problem, item)][:MOST_LIKELY]
 
@@ -136,6 +139,9 @@ class SingleRecording(Evidence):
         gain, z = gain_and_z(item.model_fit.unseen, chosen.model_fit.unseen)
         clearly = gain >= policy.confirming_gain and z >= policy.least_z
         return clearly and item.effect not in usual_rivals(chosen.effect)
+
+    def telling(self, generic: Mapping[str, float]) -> Mapping[str, float]:
+        return {name: gain for name, gain in generic.items() if name not in OF_DISTURBANCES}
 
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         return alike_where_motion_is(problem, model_fit.fitted.error)
@@ -273,12 +279,29 @@ def bends(kind: Kind) -> bool:
     return kind.lost_in_alignment or kind.in_transmission
 
 
+def beyond_chance_by(policy: Policy, item: ScreenedCandidate) -> float:
+    """Standard errors by which a gain is beyond its scatter over chunks.
+
+    Of an effect that explains half of all, most of it in a few quick moves, the scatter is the effect's own: then also
+    by how many chunks err less.
+    """
+    return max(item.z, item.evenly if item.gain >= policy.clear_single_gain else 0.0)
+
+
 def matters(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:
-    """Whether the effect is large enough: less is as often the measurement chain as the axis."""
-    policy = problem.policy
+    """Whether the effect is large enough: less is as often the measurement chain as the axis.
+
+    Not where a law gives the demand to rounding from what was recorded: then the columns are what acted and what was
+    read, and the twin does to them all that scaling, filters and rounding do. What such an effect gains must be no
+    presliding by another law.
+    """
+    policy, law = problem.policy, problem.controller
     part = part_of_torque(problem, model_fit, item)
-    clear = item.gain >= policy.clear_single_gain and item.z >= policy.least_z
-    return part >= (policy.clear_single_part if clear else policy.least_part)
+    clear = item.gain >= policy.clear_single_gain and beyond_chance_by(policy, item) >= policy.least_z
+    if part >= (policy.clear_single_part if clear else policy.least_part):
+        return True
+    known = problem.twin and law is not None and law.exact and not bends(EFFECTS[item.effect])
+    return known and while_sliding(problem, model_fit, item)
 
 
 def while_sliding(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:

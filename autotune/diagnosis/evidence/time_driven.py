@@ -67,7 +67,8 @@ class TimeLine:
 def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
     """The strongest line whose phase runs on through all experiments; None where there is none.
 
-    Its size may be another in each of them: a tool cuts only while the axis feeds.
+    Its size may be another in each of them: a tool cuts only while the axis feeds. Not where nothing is repeated: the
+    parts of one motion go on from each other, and what a stroke makes at one speed is in step through all of it.
     """
     data = problem.data
     if len(data.stretches) != 1 or len({b.name for b in data.blocks if b.role == TRAINING}) < 3:
@@ -95,7 +96,8 @@ def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
         return None
     if _everywhere(problem, error, line.hertz):
         return line
-    return replace(line, steady=False) if _in_step(problem, error, line.hertz) else None
+    in_step = data.repeated and _in_step(problem, error, line.hertz)
+    return replace(line, steady=False) if in_step else None
 
 
 def without_clocked(problem: Problem, packed: Packed, error: Floats) -> Problem | None:
