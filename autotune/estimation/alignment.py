@@ -151,6 +151,14 @@ def shifted(data: Prepared, half_samples: float) -> Prepared:
     return replace(data, torque=torque, shift=half_samples, late=late, lag=0.0, lag_error=0.0, cycles=0)
 
 
+def a_row_sooner(data: Prepared) -> Prepared:
+    """The data of a torque that is read when the next one is due, and so is the feedforward that it holds."""
+    fed = data.feedforward.copy()
+    for stretch in data.stretches:
+        fed[stretch.start : stretch.stop - 1] = data.feedforward[stretch.start + 1 : stretch.stop]
+    return replace(shifted(data, 2.0), feedforward=fed)
+
+
 def later(recording: Recording, rows: float) -> Recording:
     """The recording with the torque of so many rows later at each row, within each stretch."""
     columns = dict(recording.floats)

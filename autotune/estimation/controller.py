@@ -15,7 +15,7 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.remembered import Remembered, digest_of
-from autotune.estimation.alignment import recorded_late, shifted
+from autotune.estimation.alignment import a_row_sooner, recorded_late, shifted
 from autotune.estimation.controller_between import (
     answering_late,
     as_quick,
@@ -193,7 +193,8 @@ def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
     quiet = felt(data) if found.sensed else quieter(data) if found.in_band and not found.demanded else data
     late = RECORDED_LATE[found.taken]
-    taken = replace(shifted(quiet, late), late=0.0) if late else quiet
+    moved = a_row_sooner(quiet) if found.taken == BEFORE else shifted(quiet, late)
+    taken = replace(moved, late=0.0) if late else quiet
     taken = _as_acted(taken, found)
     return _as_asked(taken, found) if found.asked > 0.0 and found.ticks > 1 else taken
 
@@ -296,7 +297,13 @@ def loop_samples(data: Prepared, policy: Policy = POLICY) -> LoopSamples:
         tuple(stretch.rows for stretch in data.stretches),
         data.metadata.controller,
         policy,
+        rounded=_step_beside(data.torque, data.feedforward),
     )
+
+
+def _step_beside(torque: Floats, feedforward: Floats) -> float | None:
+    """Step that a torque was rounded to, shape (n,), where less a feedforward it is on none; else None."""
+    return step_of(torque) if np.any(feedforward) else None
 
 
 def asked(data: Prepared, controller: PositionController) -> Floats:
@@ -354,6 +361,7 @@ def _samples_of(recording: Recording) -> LoopSamples:
         clamped(torque, recording.metadata.torque_limit),
         tuple(closed),
         recording.metadata.controller,
+        rounded=_step_beside(torque, torque - demand),
     )
 
 
@@ -432,14 +440,15 @@ def _remembered(
 
 def _to_rounding(samples: LoopSamples, explained: float) -> bool:
     """Whether a law leaves no more of the demand than rounding does."""
-    rounded = ROUNDED * step_of(samples.demand) ** 2 / 12.0
+    rounded = ROUNDED * samples.step**2 / 12.0
     least = max(EXACT * float(np.var(samples.demand)), rounded)
     return (1.0 - explained) * float(np.var(samples.demand)) < least
 
 
 def _mark(samples: LoopSamples) -> tuple[bytes, str]:
     """What tells samples apart: a digest of all that a law is identified from."""
-    rest = samples.period, samples.stretches, samples.known, samples.policy, samples.most_rows, samples.piece
+    read = samples.period, samples.stretches, samples.known, samples.policy
+    rest = *read, samples.most_rows, samples.piece, samples.rounded
     weighed = () if samples.weight is None else (samples.weight,)
     content = digest_of(samples.reference, samples.position, samples.demand, samples.clamped, *weighed)
     return content, repr(rest)

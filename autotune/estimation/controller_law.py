@@ -28,6 +28,7 @@ import scipy
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.kernel_cache import kernel
 from autotune.core.remembered import LastOf
+from autotune.estimation.data import step_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.recording import Controller
 from autotune.signals.between_samples import bend_between, delayed, finer, later, rate_between
@@ -222,6 +223,7 @@ class LoopSamples:
         piece: longest run that shares a constant [s].
         weight: of each row's square; all alike where there is none.
         folded: share of the demand below the compared frequency that is folded down there, beside any law.
+        rounded: step that the torque was rounded to before a feedforward was taken off it; None where none was.
     """
 
     period: float
@@ -236,6 +238,12 @@ class LoopSamples:
     piece: float = np.inf
     weight: Floats | None = None
     folded: float = 0.0
+    rounded: float | None = None
+
+    @property
+    def step(self) -> float:
+        """Step that the demand was rounded to [N m]; 0 for none."""
+        return step_of(self.demand) if self.rounded is None else self.rounded
 
     def weight_of(self, rows: Integers) -> Floats | None:
         """Weights of some rows, of the same shape."""

@@ -151,7 +151,7 @@ def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
     with β = 1 − α, A = kp, B = kd·α/h, C = ki·h. Slow rows are hardly off.
     """
     slow = np.abs(np.gradient(samples.position))
-    step = step_of(samples.demand)
+    step = samples.step
     best, most = None, 0
     for delay in range(MOST_LATE + 1):
         late = late_samples(samples, delay, delay)
@@ -214,7 +214,7 @@ def _fed_not_late(
 def _rounding_explains(samples: LoopSamples, law: PositionController) -> bool:
     """Whether a law leaves no more than steps of the demand come to."""
     left = (1.0 - law.explained) * float(np.var(samples.demand))
-    return left < (ROUNDED * step_of(samples.demand)) ** 2 / 12.0
+    return left < (ROUNDED * samples.step) ** 2 / 12.0
 
 
 def _told(left: Floats, least: float, rounded: float) -> int:
@@ -268,7 +268,7 @@ def positions_read(samples: LoopSamples, law: PositionController, counts: float)
     of_error = np.array([law.kp + summed, -law.kp * (1.0 + memory) - memory * summed, memory * law.kp])
     of_rate = rate * np.array([1.0, -2.0, 1.0])
     recursion = np.concatenate([[memory], of_error + law.reference_rate * of_rate, of_error + of_rate])
-    step = step_of(samples.demand)
+    step = samples.step
     least = SAME_DEMAND * float(np.std(np.diff(samples.position)))
     within = max(BESIDE * _by_rounding(recursion, step) / float(recursion[4]), least)
     if within > 0.5 * counts and step > 0.0:

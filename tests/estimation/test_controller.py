@@ -8,9 +8,11 @@ import pytest
 from scipy import ndimage, signal
 
 from autotune.estimation import controller
+from autotune.estimation.alignment import a_row_sooner
 from autotune.estimation.controller import (
     as_read,
     as_wanted,
+    asked,
     controller_of,
     find_controller,
     identified,
@@ -466,6 +468,32 @@ def test_what_runs_away_leaves_the_others_of_its_pass_as_they_are() -> None:
     assert (
         np.sqrt(np.mean((one.position - alone.position) ** 2)) < RESOLUTION
     )  # five steps a sample, and fifteen
+
+
+def test_a_law_beside_a_recorded_feedforward_is_exact_to_the_step_of_their_sum() -> None:
+    """The feedforward is on no step, nor is what is left of a rounded torque without it."""
+    recording = recorded(TRUE)
+    forward = 0.02 * np.sin(3.0 * recording["time"])
+    step = 5e-3 * float(np.std(recording["torque"]))
+    torque = np.round((recording["torque"] + forward) / step) * step
+    columns = dict(recording.floats) | {"torque": torque, "torque_feedforward": forward}
+    found = controller_of(Recording.from_columns(columns, recording.metadata, "motion"))
+    assert found.exact
+    assert (found.kp, found.kd, found.ki) == pytest.approx((TRUE.kp, TRUE.kd, TRUE.ki), rel=0.01)
+
+
+def test_a_recorded_feedforward_is_as_late_as_the_torque_that_holds_it() -> None:
+    """A law that sees all a row sooner, of a torque that is read a row late, asks for the same a row sooner."""
+    recording = recorded(TRUE)
+    forward = 0.02 * np.sin(30.0 * recording["time"])
+    torque = delayed(recording["torque"], 1, 0.0) + forward
+    columns = dict(recording.floats) | {"torque": torque, "torque_feedforward": forward}
+    data = prepare([Recording.from_columns(columns, recording.metadata, "motion")])
+    law = find_controller(data)
+    assert (law.reference_delay, law.position_delay) == (1, 1)
+    late = asked(data, law)[1:]
+    off = (asked(a_row_sooner(data), law.sooner())[:-1] - late)[100:]
+    assert np.ptp(off) < 1e-3 * np.ptp(data.feedforward)  # their sums begin a row apart
 
 
 class _FeedsFriction(PositionController):

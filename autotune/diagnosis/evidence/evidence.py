@@ -18,7 +18,14 @@ from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
 from autotune.diagnosis.refits import settled_in, with_noise_of
 from autotune.diagnosis.starts import varying
-from autotune.estimation.alignment import BESIDE, CURRENT_LOOP, behind_current_loop, best_shift, shifted
+from autotune.estimation.alignment import (
+    BESIDE,
+    CURRENT_LOOP,
+    a_row_sooner,
+    behind_current_loop,
+    best_shift,
+    shifted,
+)
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.controller import RECORDED_LATE, as_recorded, as_wanted
 from autotune.estimation.controller_law import NEXT
@@ -400,7 +407,7 @@ def recorded_late(problem: Problem) -> Problem | None:
         return None
     if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
         return None
-    return _with(replace(problem, controller=replace(law.sooner(), why="")), shifted(problem.data, 2.0))
+    return _with(replace(problem, controller=replace(law.sooner(), why="")), a_row_sooner(problem.data))
 
 
 def _behind_lag(problem: Problem, model_fit: ModelFit, late: float) -> ModelFit | None:
