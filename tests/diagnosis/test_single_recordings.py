@@ -22,8 +22,8 @@ from autotune.diagnosis.free_shape import (
     any_course,
     like_a_motor,
     like_a_spring,
-    rather_a_spring,
     out_of_proportion,
+    rather_a_spring,
 )
 from autotune.diagnosis.screening import rows_back, screen
 from autotune.diagnosis.verdict import diagnose
