@@ -49,7 +49,7 @@ from autotune.diagnosis.screening import (
     generic_gains,
     rows_back,
 )
-from autotune.diagnosis.settling import spring_as_well, take
+from autotune.diagnosis.settling import take
 from autotune.diagnosis.transmission import (
     plainer_of,
     spring_in_place,
@@ -320,8 +320,6 @@ def _try_look_alikes(state: SearchState) -> None:
             better = [one for one in state.tried if one.effect == effect and one.gain > fitted.gain]
             if not better:
                 state.tried = [*(one for one in state.tried if one.effect != effect), fitted]
-    if not state.evidence.repeats:
-        state.chosen = spring_as_well(state, chosen)
 
 
 def _try_motor(state: SearchState) -> None:

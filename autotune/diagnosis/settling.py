@@ -256,7 +256,8 @@ def spring_as_well(state: SearchState, best: FittedCandidate) -> FittedCandidate
 
     Each at its best: by its own law a spring is a straight line, and what hardens, gives way or is met on the way is
     one that a wave of free phase comes nearer to. With its course free it comes near to most waves in turn; so it is
-    taken only where a spring of no more coefficients than the wave is likelier. The weight stays its rival.
+    taken only where a spring of no more coefficients than the wave is likelier. The weight stays its rival. Only data
+    that repeat tell so little apart: of one trajectory a law that is not quite the axis's errs by more.
     """
     problem, root = state.problem, state.root
     if len(best.model_fit.effects) > 1 or best.effect not in without_own_course(problem, best.model_fit):
