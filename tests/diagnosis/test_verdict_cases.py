@@ -293,6 +293,21 @@ def test_a_second_mass_stands_for_a_gap_that_was_given_up_for_it(fitted: bool, l
     assert Facts(*known, first=[chosen, gap], tried=[spring] if fitted else []).leads is leads
 
 
+@pytest.mark.parametrize(
+    ("rivals", "shapeless", "leads"),
+    [(("gravity_imbalance",), True, True), ((), True, False), (("gravity_imbalance",), False, False)],
+)
+def test_a_weight_over_a_part_of_a_turn_stands_beside_a_spring_and_not_in_its_way(
+    monkeypatch: pytest.MonkeyPatch, rivals: tuple[str, ...], shapeless: bool, leads: bool
+) -> None:
+    """Said to be its rival, it makes the verdict "ambiguous"; by itself it would be "unknown"."""
+    monkeypatch.setattr(facts, "without_own_course", lambda *_: ["gravity_imbalance"] if shapeless else [])
+    spring, weight = _alone("spring", 0.7, 0.99), _alone("gravity_imbalance", 0.9, 0.98)
+    evidence = SimpleNamespace(apart=lambda *_: False)
+    known = (SimpleNamespace(policy=POLICY), None, spring, evidence, (), None, "", 0.0, 0.9, rivals)
+    assert Facts(*known, first=[spring, weight], tried=[weight]).leads is leads
+
+
 @pytest.mark.parametrize(("given_up", "leads"), [(True, True), (False, False)])
 def test_nor_does_a_gap_stand_in_the_way_of_the_spring_that_it_was_given_up_for(
     given_up: bool, leads: bool
