@@ -223,7 +223,12 @@ class Facts:
         near = {effect for effect, gain in gains if gain > least} - {chosen.effect} - refuted
         if chosen.effect == SPRING.name in fitted and fitted[GAP.name] is fitted[SPRING.name]:
             near -= {GAP.name}  # given up for it: no rival of what explains as much
+        near -= {one for one in self.rivals if self._any_course(fitted.get(one))}  # named beside it
         return all(effect in fitted and self._far_behind(chosen, fitted[effect]) for effect in near)
+
+    def _any_course(self, rival: FittedCandidate | None) -> bool:
+        """Whether a rival's course could be any smooth one over so little travel."""
+        return rival is not None and rival.effect in without_own_course(self.problem, rival.model_fit)
 
     def _far_behind(self, chosen: FittedCandidate, rival: FittedCandidate) -> bool:
         """Whether a rival errs more beyond chance, and nothing is left with the chosen one, with nothing excused.

@@ -41,7 +41,8 @@ NEAR_AN_EDGE = 0.01
 KNEES = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Of the largest torque: where a course over it bends, to be any course."""
 MET_AT = np.arange(1, 16) / 16.0
-"""Of the travel: where a spring may be met on the way."""
+FINE_PLACE = 1e-3
+"""Of the travel: where a spring may be met on the way, and to what that is found."""
 BETWEEN, WITHIN = (-1.0, 3.0), 0.02
 """Proportions that are looked at, and to what: further away it is the other part that is not there."""
 
@@ -132,12 +133,66 @@ def like_a_spring(
     effect = effect or (model_fit.effects[0] if len(model_fit.effects) == 1 else "")
     if effect not in without_own_course(problem, model_fit):
         return False
-    place = problem.data.position[problem.data.grid] / problem.scales.travel
-    inside = np.min(place) + MET_AT * np.ptp(place)
-    bent = place**3 if SPRING.name in model_fit.effects else place
-    springs = [np.column_stack([bent, place**2])]
-    springs += [side * np.maximum(side * (place - at), 0.0)[:, None] for at in inside for side in (1.0, -1.0)]
+    springs = _bent_springs(problem, beside_one=SPRING.name in model_fit.effects)
     return any(_as_well(problem, root, model_fit, effect, table, alike) for table in springs)
+
+
+def rather_a_spring(problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
+    """Whether a spring of two coefficients is likelier than the one effect found, a wave that has as many.
+
+    A spring hardens or gives way to one side, or on both sides of the middle of the travel alike; or it is met on the
+    way, and where is told as well as how stiff it is. (A course of many coefficients comes near to any wave, and says
+    nothing of either.) It is likelier where it errs less beyond chance. Where neither does, the travel tells: a spring
+    turns round nowhere, and a wave of any phase does so within a quarter of its turn as often as not.
+    """
+    place, effect = _place(problem), model_fit.effects[0]
+    middle = place - np.min(place) - 0.5 * np.ptp(place)
+    wave = _left(problem, root, model_fit, effect, place[:, None])[0]
+
+    def left_by(columns: Floats) -> Floats:
+        return _left(problem, root, model_fit, effect, columns)[1]
+
+    springs = [left_by(np.column_stack([one, one**power])) for one, power in ((place, 2), (middle, 3))]
+    springs += [left_by(_met(place, _where_met(place, side, left_by), side)) for side in (1.0, -1.0)]
+    apart = problem.policy.apart_z
+    if any(beyond_chance(wave - one, apart) for one in springs):
+        return True
+    turns = EFFECTS[effect].waves
+    angle = turns(model_fit.fitted.packed.p)[0] * problem.scales.travel * np.ptp(place) if turns else 0.0
+    return angle > 0.5 * math.pi and not all(beyond_chance(one - wave, apart) for one in springs)
+
+
+def _where_met(place: Floats, side: float, left_by: Callable[[Floats], Floats]) -> float:
+    """Where a spring begins that is met on the way from one side and leaves least."""
+    low, width = float(np.min(place)), float(np.ptp(place))
+
+    def left(at: float) -> float:
+        return float(left_by(_met(place, low + at * width, side)).sum())
+
+    near = min(MET_AT.tolist(), key=left)
+    return low + width * lowest(left, (near - MET_AT[0], near + MET_AT[0]), FINE_PLACE)
+
+
+def _bent_springs(problem: Problem, beside_one: bool) -> list[Floats]:
+    """Springs of two coefficients that are not straight: to one side, and met on the way, from either side; (m, k).
+
+    `beside_one`: the straight line is a spring's already, and two coefficients bend it.
+    """
+    place = _place(problem)
+    line = place**3 if beside_one else place
+    inside = np.min(place) + MET_AT * np.ptp(place)
+    met = [_met(place, at, side) for at in inside for side in (1.0, -1.0)]
+    return [np.column_stack([line, place**2]), *met]
+
+
+def _met(place: Floats, at: float, side: float) -> Floats:
+    """A spring that is met at a place from one side, shape (m, 1)."""
+    return np.asarray(side * np.maximum(side * (place - at), 0.0)[:, None])
+
+
+def _place(problem: Problem) -> Floats:
+    """Of the travel, on the grid."""
+    return np.asarray(problem.data.position[problem.data.grid] / problem.scales.travel)
 
 
 def without_own_course(problem: Problem, model_fit: ModelFit) -> list[str]:

@@ -29,6 +29,7 @@ from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.layout import flag
+from autotune.models.spring import SPRING
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import BETWEEN
 
@@ -90,13 +91,13 @@ def rank(
 
     Beside an effect that is there already only those are followed to the end whose short fits come near the
     best one, and near the fall of the mean square that a further effect is `worth` having for [(N m)²]. No spring
-    is looked for beside a gap, which has one.
+    is looked for beside a gap, which has one, and no weight beside a spring where it would be that spring's course.
     """
     base = _walked_on(problem, model_fit)
     tried: list[tuple[Kind, list[_ShortFit]]] = []
     for kind in sorted(evidence.candidates(problem), key=lambda kind: kind.in_transmission):
         there = model_fit.fitted.packed.on[flag(kind.name)] and not kind.may_grow
-        if there or adds_nothing(kind, model_fit):
+        if there or adds_nothing(kind, model_fit) or _is_its_course(problem, kind, model_fit):
             continue
         progress(f"candidate {kind.name}")
         needed = _needed(problem, evidence, base, tried, worth) if kind.in_transmission else 0.0
@@ -106,6 +107,19 @@ def rank(
     found = [_followed(problem, evidence, base, kind, fits, least) for kind, fits in tried]
     found = evidence.borne_out(model_fit, [item for item in found if np.isfinite(item.gain)])
     return sorted(found, key=lambda item: -item.gain)
+
+
+def _is_its_course(problem: Problem, kind: Kind, model_fit: ModelFit) -> bool:
+    """Whether it is a weight beside a spring that was found, or a spring beside a weight, over too little travel for
+    the weight to show its wave.
+
+    A spring by another law is any smooth course of the place, and there the wave is one, too: both together are one
+    spring that is not straight.
+    """
+    p, travel = model_fit.fitted.packed.p, problem.scales.travel
+    both = [kind, *(EFFECTS[name] for name in model_fit.effects)]
+    waves = [one for one in both if one.shows_course is not None and not one.shows_course(p, travel)]
+    return kind in (*waves, SPRING) and bool(waves) and SPRING in both
 
 
 def rows_back(

@@ -17,6 +17,7 @@ from autotune.diagnosis.candidates import (
 )
 from autotune.diagnosis.evidence.evidence import late_anew, without_long_lag
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
+from autotune.diagnosis.free_shape import rather_a_spring, without_own_course
 from autotune.diagnosis.refits import (
     REFINED,
     a_row_otherwise,
@@ -41,6 +42,7 @@ from autotune.diagnosis.transmission import (
 )
 from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, fit_inside_twin
 from autotune.estimation.model_error import told_beside
+from autotune.models.spring import SPRING
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
@@ -76,6 +78,8 @@ def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
         best = _other_spring(state, best)
     if state.evidence.repeats and (best.plain_share < REFINED or state.more_to_explain(best.model_fit)):
         best = _freed(state, best)
+    if state.evidence.repeats:
+        best = spring_as_well(state, best)
     if state.chosen is not None and state.evidence.repeats and state.more_to_explain(best.model_fit):
         best = _first_exchanged(state, best)
     state.chosen = best
@@ -247,6 +251,40 @@ def _others_freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidat
     return chosen
 
 
+def spring_as_well(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """The spring in the place of a weight that turns too little to show its wave, where it does as well.
+
+    Each at its best: by its own law a spring is a straight line, and what hardens, gives way or is met on the way is
+    one that a wave of free phase comes nearer to. With its course free it comes near to most waves in turn; so it is
+    taken only where a spring of no more coefficients than the wave is likelier. The weight stays its rival. Only data
+    that repeat tell so little apart: of one trajectory a law that is not quite the axis's errs by more.
+    """
+    problem, root = state.problem, state.root
+    if len(best.model_fit.effects) > 1 or best.effect not in without_own_course(problem, best.model_fit):
+        return best
+    straight = _pulling(state)
+    if straight is None or straight.training.share < problem.policy.partly:
+        return best
+    if not rather_a_spring(problem, root, best.model_fit):
+        return best
+    spring = state.shaped(straight) or straight
+    left = [error_left(problem, one.model_fit) for one in (spring, best)]
+    if left[0] >= left[1] and not state.evidence.comes_near(problem, root, best, spring):
+        return best
+    others = [one for one in state.tried if one.effect not in (spring.effect, best.effect)]
+    state.tried = [*others, best, spring]
+    return spring
+
+
+def _pulling(state: SearchState) -> FittedCandidate | None:
+    """The spring of the first round, by its own law inside the twin; None where it was no candidate."""
+    found = next((one for one in state.tried if one.effect == SPRING.name), None)
+    if found is not None:
+        return found
+    screened = next((one for one in state.first if one.effect == SPRING.name), None)
+    return None if screened is None else inside_twin(state.problem, state.root, state.root, screened)
+
+
 def _first_exchanged(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
     """The model with a rival of its first effect in the place of that, each with its own course, if it leaves less.
 
@@ -275,10 +313,14 @@ def _contends(state: SearchState, chosen: FittedCandidate, item: FittedCandidate
     """Whether another effect came near the chosen one by its own law.
 
     Where that can be named so, only one that can be too, and errs no more: an element of memory that hardly slides
-    is a spring.
+    is a spring. A spring's free course comes near to any weight over a part of a turn: where the weight leaves nothing
+    beyond doubt, that says nothing of it (`spring_as_well`).
     """
     policy = state.problem.policy
     if item.effect == chosen.effect:
+        return False
+    certain = chosen.training.certain or (chosen.veto is not None and chosen.veto.certain)
+    if item.effect == SPRING.name and not certain and without_own_course(state.problem, chosen.model_fit):
         return False
     if not chosen.named:
         return item.gain >= policy.rival_gain * chosen.gain and item.share >= policy.partly

@@ -124,6 +124,7 @@ def _warm(motion: Motion, seconds: float, _: np.random.Generator) -> Floats:
 TRAJECTORIES: Mapping[LookAlikes, Mapping[str, Draw]] = MappingProxyType(
     {
         look_alikes.IN_PLACE: {"slow_scan": _scan(USUAL), "scan": _scan(FAST)},
+        look_alikes.IN_A_PART_OF_A_TURN: {"slow_scan": _scan(USUAL), "scan": _scan(FAST)},
         look_alikes.IN_SPEED: {"speeds": _speeds, "moves": _hard, "multisine": _quick},
         look_alikes.IN_TORQUE: {"moves": _hard, "multisine": _quick},
         look_alikes.AT_REVERSALS: {"loops": _loops, "small_sines": _small_sines, "moves": _hard},

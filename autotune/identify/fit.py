@@ -35,7 +35,7 @@ from autotune.models.spring import SPRING
 from autotune.models.stribeck import STRIBECK
 from autotune.models.table import effect_kind
 from autotune.models.torque_ripple import LINES, TORQUE_RIPPLE
-from autotune.recordings.checks import check_recording, refuse_clipping
+from autotune.recordings.checks import check_recording, refuse_clipping, refuse_limits_throughout
 from autotune.recordings.recording import Recording, concatenate, refuse_twice
 
 MOST_ROWS, STRETCH = 600_000, 20_000
@@ -105,6 +105,8 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     recording, controller = brought.recording, brought.law
     bands = Bands.of(recording)
     pieces = cut(recording, bands, controller, UNFITTED)
+    if not any(np.any(piece.use) for piece in pieces):
+        refuse_limits_throughout(recording)
     metadata = recording.metadata
     start = guess(pieces, bands, metadata.motion_unit, effects)
     model = base_model(

@@ -15,7 +15,7 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.lanes import anywhere
 from autotune.models.layout import block
-from autotune.models.look_alikes import IN_PLACE
+from autotune.models.look_alikes import IN_A_PART_OF_A_TURN, IN_PLACE
 from autotune.models.start_values import StartContext, StartValues, Vary
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
 
@@ -110,7 +110,7 @@ GRAVITY_IMBALANCE = Kind(
     looks_like="The holding torque follows one sine over a turn of the load, in both directions alike.",
     cause="An unbalanced arm, table, chuck or workpiece, a missing counterweight.",
     remedy="Balance the load, or compensate it by a sine of position; check that the workpiece is centred.",
-    look_alikes=(IN_PLACE,),
+    look_alikes=(IN_PLACE, IN_A_PART_OF_A_TURN),
     kernels=Kernels(torque=imbalance_torque),
     starts=starts,
     free_shape=free_shape,

@@ -20,6 +20,11 @@ IN_PLACE = LookAlikes(
     "torque that changes with position",
     "slow scans over several revolutions (or the whole travel), forward and backward",
 )
+IN_A_PART_OF_A_TURN = LookAlikes(
+    "torque that changes smoothly over a part of a turn",
+    "slow scans over a turn and a half or more; where the axis cannot turn so far, the same scans with another load: "
+    "the torque of a weight changes with it, that of a spring does not",
+)
 IN_SPEED = LookAlikes(
     "torque that is not straight over speed",
     "point-to-point moves, fast scans and a multisine, so that speed and reversals vary apart",
@@ -41,4 +46,6 @@ IN_TIME = LookAlikes(
     "friction that falls in the course of a recording",
     "the same slow motion, repeated cold and after minutes of fast moves",
 )
-LOOK_ALIKES = (IN_PLACE, IN_SPEED, IN_TORQUE, AT_REVERSALS, IN_QUICK_MOTION, AT_STARTS, IN_TIME)
+LOOK_ALIKES = (
+    IN_PLACE, IN_A_PART_OF_A_TURN, IN_SPEED, IN_TORQUE, AT_REVERSALS, IN_QUICK_MOTION, AT_STARTS, IN_TIME,
+)  # fmt: skip

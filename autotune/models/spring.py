@@ -14,7 +14,7 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block
-from autotune.models.look_alikes import IN_PLACE
+from autotune.models.look_alikes import IN_A_PART_OF_A_TURN, IN_PLACE
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.start_values import StartContext, StartValues, Vary
 
@@ -66,7 +66,7 @@ SPRING = Kind(
     looks_like="The torque rises in a straight line over the whole travel, in both directions alike.",
     cause="A counterbalance spring, a cable chain, a hose, a bellows, a magnet.",
     remedy="If no spring belongs there, look for cables and hoses that pull; else compensate it.",
-    look_alikes=(IN_PLACE,),
+    look_alikes=(IN_PLACE, IN_A_PART_OF_A_TURN),
     kernels=Kernels(torque=spring_torque),
     starts=starts,
     free_shape=free_shape,

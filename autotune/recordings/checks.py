@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import welch
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation, RecordingError
@@ -21,6 +22,11 @@ LEAST_ROWS = 200
 GRAVE_CLIPPING = 0.05
 GRAVE_LIMITING = 0.3
 """Share of rows at the torque limit: where nothing says that the flat tops are a limit, and where it is known."""
+AMPLIFIED = 2.0
+"""Times what its reference moves, at one frequency: more is no answer of a loop with usual margins (a resonance peak of
+6 dB), and the axis swings there by itself."""
+SWING_SECONDS = 1.0
+"""Of the windows in which a swing is looked for."""
 _FLAT_TOP = 5
 _LEAST_TOPS = 3
 """Visits to the extreme: one or two may be a plateau that was commanded."""
@@ -100,12 +106,56 @@ def refuse_clipping(recording: Recording) -> Clipping:
     found = clipped(recording)
     allowed = GRAVE_CLIPPING if recording.metadata.torque_limit is None else GRAVE_LIMITING
     if found.share > allowed:
-        first = recording["time"][int(np.argmax(found.rows))]
         raise NotEnoughExcitation(
-            f"the torque is clipped at {found.limit:.4g} in {100 * found.share:.0f} % of the rows (first at "
-            f"{first:.3f} s); at most {100 * allowed:.0f} % are allowed. Record with gentler motion"
+            f"{_where(recording, found)}; at most {100 * allowed:.0f} % are allowed. {_instead(recording)}"
         )
     return found
+
+
+def refuse_limits_throughout(recording: Recording) -> None:
+    """Raises NotEnoughExcitation where the torque keeps coming to its limit, of rows of which none was left to compare.
+
+    Around a limit nothing is compared; a loop that hunts between its limits is at one of them a hundred times a second.
+    """
+    found = clipped(recording)
+    if found.share > GRAVE_CLIPPING:
+        raise NotEnoughExcitation(
+            f"{_where(recording, found)}, and nowhere is it away from it for long enough. {_instead(recording)}"
+        )
+
+
+def swings_at(recording: Recording) -> float:
+    """Frequency at which the torque is strongest, where the axis moves there far more than its reference asks [Hz].
+
+    0 where it does not, or where the recording has no reference to tell it by.
+    """
+    if "reference" not in recording:
+        return 0.0
+    rows = min(len(recording) - 2, max(round(SWING_SECONDS / recording.period), 8))
+    columns = (torque_of(recording)[2:], *(np.diff(recording[one], 2) for one in ("position", "reference")))
+    spectra = [welch(one, 1.0 / recording.period, nperseg=rows) for one in columns]
+    hertz, power = spectra[0]
+    best = int(np.argmax(power[1:])) + 1
+    near = slice(max(best - 2, 1), best + 3)  # the lobe of the window
+    moved, asked = (float(one[1][near].sum()) for one in spectra[1:])
+    return float(hertz[best]) if moved > AMPLIFIED**2 * asked else 0.0
+
+
+def _where(recording: Recording, found: Clipping) -> str:
+    first = recording["time"][int(np.argmax(found.rows))]
+    share = f"{100 * found.share:.0f} %"
+    return f"the torque is clipped at {found.limit:.4g} in {share} of the rows (first at {first:.3f} s)"
+
+
+def _instead(recording: Recording) -> str:
+    """What to do about a torque at its limit."""
+    hertz = swings_at(recording)
+    if hertz == 0.0:
+        return "Record with gentler motion"
+    return (
+        f"The axis swings at {hertz:.3g} Hz, where its reference does not move: the loop hunts. Lower the gains until "
+        "it is quiet, and record again; play or a spring between motor and load often is the cause"
+    )
 
 
 def _cut_off(torque: Floats, at_peak: NDArray[np.bool_]) -> NDArray[np.bool_]:

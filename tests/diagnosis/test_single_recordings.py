@@ -4,18 +4,27 @@ The axis here is a few lines of its own: inertia, Coulomb and viscous friction, 
 torque that is computed from the motion, so that what is hidden is known exactly.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from autotune.diagnosis import screening
 from autotune.diagnosis.base_laws import without_effects
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.fitting import fit_model
-from autotune.diagnosis.free_shape import any_course, like_a_motor, like_a_spring, out_of_proportion
+from autotune.diagnosis.free_shape import (
+    any_course,
+    like_a_motor,
+    like_a_spring,
+    out_of_proportion,
+    rather_a_spring,
+)
 from autotune.diagnosis.screening import rows_back, screen
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
@@ -254,8 +263,64 @@ def test_an_imbalance_over_little_travel_is_a_sine_or_none(
     assert like_a_spring(problem, bare, found, POLICY.alike_single) is parabola
 
 
+@pytest.mark.parametrize(
+    ("load", "size", "spring"),
+    [
+        (lambda q: 0.03 * np.sin(q + 0.7), 0.9, False),
+        (lambda q: 0.02 * np.maximum(q + 0.5, 0.0), 0.6, True),
+        (lambda q: 0.02 * np.tanh(1.5 * q), 0.6, True),
+        (lambda q: 0.02 * q + 0.01 * q**3, 0.6, True),
+    ],
+    ids=["a weight", "met on the way", "gives way", "hardens"],
+)
+def test_of_a_wave_and_a_spring_that_bends_the_nearer_one_is_told(
+    load: Callable[[np.ndarray], np.ndarray], size: float, spring: bool
+) -> None:
+    """Within three quarters of a turn, by as many coefficients each."""
+    time = np.arange(0.0, 20.0, PERIOD)
+    q = size * (1.5 * np.sin(2 * np.pi * 0.31 * time) + 0.8 * np.sin(2 * np.pi * 0.73 * time + 1.0))
+    torque = _torque(q) + load(q) + np.random.default_rng(5).normal(0.0, 5e-4, len(q))
+    recording = _with(_recording(), position=np.round(q / COUNT) * COUNT, torque=torque)
+    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
+    plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
+    model = plain.with_effect(EFFECTS["gravity_imbalance"].make({"sin": 0.03, "cos": 0.0}))
+    problem, root, _, _ = begin(prepared_for([recording]), model)
+    found = replace(root, effects=("gravity_imbalance",))
+    bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
+    assert rather_a_spring(problem, bare, found) is spring
+
+
+@pytest.mark.parametrize(
+    ("there", "sought", "turns", "is_its_course"),
+    [
+        ("spring", "gravity_imbalance", 0.5, True),
+        ("gravity_imbalance", "spring", 0.5, True),
+        ("spring", "gravity_imbalance", 2.0, False),
+        ("gravity_imbalance", "spring", 2.0, False),
+        ("spring", "torque_ripple", 0.5, False),
+        ("stribeck", "gravity_imbalance", 0.5, False),
+    ],
+)
+def test_over_a_part_of_a_turn_a_spring_and_a_weight_are_one_course(
+    there: str, sought: str, turns: float, is_its_course: bool
+) -> None:
+    """A hose that gives way was a spring and a weight, both confirmed."""
+    base = {
+        "inertia": 1.0,
+        "coulomb": 1.0,
+        "viscous": 0.0,
+        "stiffness": 1.0,
+        "micro_damping": 0.0,
+        "offset": 0.0,
+    }
+    packed = base_model(base).pack()
+    problem = SimpleNamespace(scales=SimpleNamespace(travel=2.0 * np.pi * turns))
+    model_fit = SimpleNamespace(effects=(there,), fitted=SimpleNamespace(packed=packed))
+    assert screening._is_its_course(problem, EFFECTS[sought], model_fit) is is_its_course
+
+
 @pytest.mark.parametrize(("met", "spring"), [(True, True), (False, False)])
-def test_a_wave_beside_another_effect_may_be_a_spring_that_is_met_on_the_way(met: bool, spring: bool) -> None:
+def test_a_wave_beside_another_effect_rather_a_spring_that_is_met_on_the_way(met: bool, spring: bool) -> None:
     """Over half a turn a wave of free phase bends as the spring does; over a whole one nothing but a wave does."""
     time = np.arange(0.0, 20.0, PERIOD)
     q = (0.68 if met else 1.5) * (

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from autotune.diagnosis import candidates, facts, verdict
+from autotune.diagnosis import candidates, facts, settling, verdict
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
@@ -292,6 +292,21 @@ def test_a_second_mass_stands_for_a_gap_that_was_given_up_for_it(fitted: bool, l
     evidence = SimpleNamespace(apart=lambda *_: True)
     known = (SimpleNamespace(policy=POLICY), None, chosen, evidence, (), None, "", 0.0, 0.9, ())
     assert Facts(*known, first=[chosen, gap], tried=[spring] if fitted else []).leads is leads
+
+
+@pytest.mark.parametrize(
+    ("rivals", "shapeless", "leads"),
+    [(("gravity_imbalance",), True, True), ((), True, False), (("gravity_imbalance",), False, False)],
+)
+def test_a_weight_over_a_part_of_a_turn_stands_beside_a_spring_and_not_in_its_way(
+    monkeypatch: pytest.MonkeyPatch, rivals: tuple[str, ...], shapeless: bool, leads: bool
+) -> None:
+    """Said to be its rival, it makes the verdict "ambiguous"; by itself it would be "unknown"."""
+    monkeypatch.setattr(facts, "without_own_course", lambda *_: ["gravity_imbalance"] if shapeless else [])
+    spring, weight = _alone("spring", 0.7, 0.99), _alone("gravity_imbalance", 0.9, 0.98)
+    evidence = SimpleNamespace(apart=lambda *_: False)
+    known = (SimpleNamespace(policy=POLICY), None, spring, evidence, (), None, "", 0.0, 0.9, rivals)
+    assert Facts(*known, first=[spring, weight], tried=[weight]).leads is leads
 
 
 @pytest.mark.parametrize(("given_up", "leads"), [(True, True), (False, False)])
@@ -630,3 +645,43 @@ def test_what_an_effect_without_a_name_explains_is_left_beyond_chance_and_the_ch
     known = SimpleNamespace(problem=problem, root=root, evidence=evidence, chosen=chosen, line=None)
     known.overlooked = known.presliding = None
     assert facts._something_left(known, problem) is left
+
+
+@pytest.mark.parametrize(
+    ("effects", "shows_course", "likelier", "left", "near", "share", "first"),
+    [
+        (("gravity_imbalance",), False, True, 0.5, True, 0.9, "spring"),
+        (("gravity_imbalance",), False, True, 1.1, True, 0.9, "spring"),
+        (("gravity_imbalance",), False, True, 2.0, False, 0.9, "gravity_imbalance"),
+        (("gravity_imbalance",), False, False, 0.5, True, 0.9, "gravity_imbalance"),
+        (("gravity_imbalance",), True, True, 0.5, True, 0.9, "gravity_imbalance"),
+        (("gravity_imbalance",), False, True, 0.5, True, 0.4, "gravity_imbalance"),
+        (("stribeck", "gravity_imbalance"), False, True, 0.5, True, 0.9, "gravity_imbalance"),
+    ],
+    ids=["errs less", "as well", "errs more", "a wave is likelier", "turns", "a part of it", "one of two"],
+)
+def test_a_spring_that_is_likelier_than_a_weight_over_a_part_of_a_turn_comes_first(
+    monkeypatch: pytest.MonkeyPatch,
+    effects: tuple[str, ...],
+    shows_course: bool,
+    likelier: bool,
+    left: float,
+    near: bool,
+    share: float,
+    first: str,
+) -> None:
+    """A buffer that is met on the way left a fifth of the error, and the weight that did nearly as well was named."""
+    weight = SimpleNamespace(effect="gravity_imbalance", model_fit=SimpleNamespace(effects=effects, left=1.0))
+    straight = SimpleNamespace(effect="spring", training=SimpleNamespace(share=share))
+    bent = SimpleNamespace(effect="spring", model_fit=SimpleNamespace(left=left))
+    evidence = SimpleNamespace(comes_near=lambda *_: near)
+    state = SimpleNamespace(
+        problem=SimpleNamespace(policy=POLICY), root=None, evidence=evidence, shaped=lambda _: bent,
+        tried=[weight, straight],
+    )  # fmt: skip
+    shapeless = [] if shows_course else ["gravity_imbalance"]
+    monkeypatch.setattr(settling, "without_own_course", lambda *_: shapeless)
+    monkeypatch.setattr(settling, "rather_a_spring", lambda *_: likelier)
+    monkeypatch.setattr(settling, "error_left", lambda _, model_fit: model_fit.left)
+    assert settling.spring_as_well(state, weight).effect == first
+    assert [one.effect for one in state.tried].count("gravity_imbalance") == 1

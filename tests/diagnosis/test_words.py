@@ -28,6 +28,12 @@ def test_who_has_a_file_only_is_not_sent_to_an_axis_file() -> None:
     assert "To tell spring from gravity imbalance" in foreign
 
 
+def test_what_cannot_turn_far_enough_is_told_by_another_load() -> None:
+    text = separating_experiment(["spring", "gravity_imbalance"], own_axis=True)
+    assert "a turn and a half" in text
+    assert "with another load" in text
+
+
 def test_who_gave_every_kind_of_motion_is_not_asked_for_them_again() -> None:
     few, all_of_them = (next_experiment("unknown", (), (), None, None, True, kinds) for kinds in (2, 7))
     assert few is not None

@@ -8,7 +8,12 @@ import pytest
 from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.identify.dahl import kinetic_difference
 from autotune.identify.run import identify_run
-from autotune.recordings.checks import check_recording, refuse_clipping
+from autotune.recordings.checks import (
+    check_recording,
+    refuse_clipping,
+    refuse_limits_throughout,
+    swings_at,
+)
 from autotune.recordings.recording import Metadata, Recording
 from tests.support.identification_programme import reversal_of
 
@@ -124,6 +129,33 @@ def test_a_clipped_torque_is_refused_with_place_and_share() -> None:
     with pytest.raises(NotEnoughExcitation, match=r"clipped at 0\.7 .* of the rows \(first at 0\.00"):
         refuse_clipping(_made(columns))
     assert refuse_clipping(_made(_moving())).share == 0.0
+
+
+@pytest.mark.parametrize(
+    ("swing", "follows", "says"),
+    [(2e-3, True, "swings at 150 Hz.*the loop hunts.*Lower the gains"), (0.0, False, "gentler motion")],
+    ids=["it hunts", "it is asked too much"],
+)
+def test_a_loop_that_hunts_between_its_limits_is_told_from_motion_that_asks_too_much(
+    swing: float, follows: bool, says: str
+) -> None:
+    time = np.arange(0.0, 4.0, 1e-3)
+    reference = 0.5 * np.sin(2 * np.pi * 0.8 * time)
+    hunts = np.sin(2 * np.pi * 150.0 * time)
+    torque = 2.0 * hunts if swing else 2.0 * np.sin(2 * np.pi * 0.8 * time)
+    position = reference + swing * hunts if follows else 0.7 * np.roll(reference, 40)
+    columns = {
+        "time": time,
+        "position": position,
+        "reference": reference,
+        "torque": np.clip(torque, -1.0, 1.0),
+    }
+    recording = _made(columns).with_metadata(torque_limit=1.0)
+    with pytest.raises(NotEnoughExcitation, match=says):
+        refuse_clipping(recording)
+    with pytest.raises(NotEnoughExcitation, match=f"away from it for long enough.*{says}"):
+        refuse_limits_throughout(recording)
+    assert swings_at(_made({name: columns[name] for name in ("time", "position", "torque")})) == 0.0
 
 
 def test_the_kinetic_model_is_wrong_by_twice_the_friction_at_a_reversal() -> None:
