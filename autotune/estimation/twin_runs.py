@@ -22,7 +22,6 @@ from autotune.estimation.parts import SETTLED, until_last
 from autotune.estimation.residual import (
     Motion,
     Simulated,
-    abreast,
     batches,
     clockless,
     residuals_of_each,
@@ -249,7 +248,7 @@ def _runs_in_lanes(
         before = rows.stop
         alike = all(noise is together[0][1] for _, noise in together)  # one for all lanes then
         noises = [noise for _, noise in (together[:1] if alike else together)]
-        shaken, unsure = (abreast([noise[part][rows] for noise in noises]) for part in (0, 1))
+        shaken, unsure = ([noise[part][rows] for noise in noises] for part in (0, 1))
         *done, inside = simulate_stretches(
             _recorded(data, controller, stretch),
             [packed for packed, _ in together],
