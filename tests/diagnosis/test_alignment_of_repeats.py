@@ -26,7 +26,7 @@ from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.rounds import SearchState
-from autotune.diagnosis.search import _cycles_do, _without_chains_lag
+from autotune.diagnosis.search import _cycles_do, _lags_after_all, _without_chains_lag
 from autotune.diagnosis.settling import _aligned
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.alignment import behind_current_loop, followed_late, shifted
@@ -449,6 +449,20 @@ def test_what_remembers_need_not_come_again_where_experiments_held_out_and_veto_
     search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme())
     assert search.remembers(best) == sure
     assert not search.remembers(replace(best, veto=None))
+
+
+@pytest.mark.parametrize("more", [True, False])
+def test_a_lag_of_the_loop_is_asked_for_where_anything_comes_again(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, more: bool
+) -> None:
+    """What it does comes again in every repeat."""
+    problem, root = begun
+    asked: list[ModelFit] = []
+    monkeypatch.setattr("autotune.diagnosis.search.lag_in_loop", lambda _, left: asked.append(left))
+    monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: more)
+    search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme())
+    assert not _lags_after_all(search)
+    assert len(asked) == int(more)
 
 
 @pytest.mark.parametrize(

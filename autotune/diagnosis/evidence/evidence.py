@@ -301,11 +301,11 @@ def _lags_in_loop(problem: Problem, moved: Problem, model_fit: ModelFit) -> bool
     packed = model_fit.fitted.packed
     if not problem.twin or packed.on[IS_LATE] or problem.two_masses(packed) or late <= CURRENT_LOOP:
         return False
-    here = settled_in(moved, model_fit)
     lags = _behind_lag(problem, model_fit, late)
-    if here is None or lags is None or lags.fitted.cost >= CLEARLY_LESS * here[1].fitted.cost:
+    if lags is None or not _is_long(problem, lags):
         return False
-    return _is_long(problem, lags)
+    here = settled_in(moved, model_fit)
+    return here is not None and lags.fitted.cost < CLEARLY_LESS * here[1].fitted.cost
 
 
 def lag_in_loop(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
