@@ -58,6 +58,8 @@ NEXT_TO_ALL = 0.99
 """Of what a rival leaves: who explains so much of that is told from it, however little it is of all."""
 SURE = 2.0
 """Standard errors by which a lag must be longer than a current loop's to be more."""
+ROUNDING = 1e-9
+"""Of what torque and acceleration suggest: inertia that is above its bound by no more has been taken there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,7 +289,7 @@ def without_chain(problem: Problem, model_fit: ModelFit) -> Problem:
 def _weightless(fitted: Fitted) -> bool:
     """Whether a fit has taken all inertia from its axis: that is none, and no step of a twin follows it."""
     inertia = [one for one in fitted.free if one.slot == layout.INERTIA]
-    return any(fitted.packed.p[one.slot] <= one.lower for one in inertia)
+    return any(fitted.packed.p[one.slot] - one.lower <= ROUNDING * one.scale for one in inertia)
 
 
 def _lags_in_loop(problem: Problem, moved: Problem, model_fit: ModelFit) -> bool:
