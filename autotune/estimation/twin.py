@@ -19,7 +19,7 @@ from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, bristle_damping, friction_limit, viscous_coefficient
 from autotune.models.drive_model import Packed
-from autotune.models.lanes import WIDTH, beside_or_one, filled
+from autotune.models.lanes import WIDTH, filled
 from autotune.models.layout import STIFFNESS
 from autotune.models.plant import FASTEST, seen_late, simulate, simulate_in_lanes, substeps_for
 from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, STAGES, STEEPNESS, TIME_CONSTANT
@@ -210,8 +210,8 @@ def simulate_stretches(
     models: Sequence[Packed],
     controller: PositionController,
     bounds: tuple[float, float],
-    disturbance: Sequence[Floats],
-    position_noise: Sequence[Floats],
+    disturbance: Floats,
+    position_noise: Floats,
     given: Loop,
 ) -> tuple[Floats, Floats, Flags]:
     """`simulate_stretch` of up to eight models in one pass: positions and torques, shape (8, n), and which stay inside.
@@ -221,13 +221,13 @@ def simulate_stretches(
 
     Args:
         bounds: limit of the torque and resolution, as there.
-        disturbance, position_noise: as there, of each model, or one for all.
+        disturbance, position_noise: as there, shape (n, 8), or (1, n) where it is one for all (`beside_or_one`).
         given: what `loop_along` gives.
     """
     models = [late_as_recorded(recorded, packed) for packed in models]
     n, period = len(recorded.reference), recorded.period / given.ticks
-    offsets = [float(one.mean()) if controller.adrift else 0.0 for one in position_noise]
-    offset = np.array([offsets[min(lane, len(offsets) - 1)] for lane in range(WIDTH)])
+    rows = position_noise if len(position_noise) == 1 else position_noise.T
+    offset = np.broadcast_to([one.mean() for one in rows] if controller.adrift else 0.0, WIDTH)
     commands = given.command[None]
     if recorded.closed and np.any(offset != 0.0):
         commands = given.command + offset[:, None]
@@ -245,8 +245,8 @@ def simulate_stretches(
         max(_steps(packed, period, given.ticks) for packed in models),
         commands,
         given.feedforward[None],
-        beside_or_one(disturbance),
-        beside_or_one(position_noise),
+        disturbance,
+        position_noise,
         position,
         torque,
         given.averaged,

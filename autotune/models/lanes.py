@@ -38,8 +38,6 @@ from autotune.models.lane_functions import (
     vector,
 )
 
-BLOCK = 1024
-"""Rows that are turned at a time: those of all lanes stay in near memory meanwhile."""
 LINE = 64
 """Bytes of a line of the processor's cache: a vector of eight numbers fills one, or is in two of them."""
 
@@ -74,10 +72,8 @@ def beside_or_one(values: Sequence[Floats]) -> Floats:
     if len(values) == 1:
         return np.ascontiguousarray(values[0])[None]
     result = room_for(len(values[0]))
-    for first in range(0, len(result), BLOCK):
-        block = slice(first, first + BLOCK)
-        for lane in range(WIDTH):
-            result[block, lane] = values[min(lane, len(values) - 1)][block]
+    for lane in range(WIDTH):
+        result[:, lane] = values[min(lane, len(values) - 1)]
     return result
 
 
