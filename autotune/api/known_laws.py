@@ -5,10 +5,10 @@ a cascade. `autotune model fit --out MODEL.toml` leaves what it found in `MODEL.
 and `add` with that model take it up. It may be deleted at any time: everything is found again then.
 
 Nothing in it is believed because of where it lies. It holds answers to questions, each by a digest of all that was
-asked: the columns and rows that a law is found in, the policy, and, where a twin told, the model's parameters. A
-question that differs in a bit has no answer there. The whole file is left aside where its recordings are others in any
-value, row, unit or known setting, where it was written by other code or with other numeric libraries, or where a byte
-of it has changed (checksum).
+asked: the columns and rows that a law is found in, the policy, and, where a twin told, the model's parameters. So is
+the error that the fit stated of its model, with which a diagnosis begins. A question that differs in a bit has no
+answer there. The whole file is left aside where its recordings are others in any value, row, unit or known setting,
+where it was written by other code or with other numeric libraries, or where a byte of it has changed (checksum).
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from autotune.core.documents import finite
 from autotune.core.durable import read_checked, write_checked
 from autotune.core.errors import ConfigurationError
 from autotune.core.kernel_cache import digest
+from autotune.diagnosis.compare import STATED
 from autotune.estimation.controller import KNOWN_FED, KNOWN_LAWS
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.disturbance import Disturbance
@@ -38,7 +39,7 @@ from autotune.estimation.model_error import TOLD_LAWS
 from autotune.recordings.checksum import content_checksum
 from autotune.recordings.recording import Recording
 
-SCHEMA = 1
+SCHEMA = 2
 ENDING = ".laws.json"
 Made = TypeVar("Made", PositionController, Disturbance)
 
@@ -48,8 +49,9 @@ def keep_laws(model: Path, recordings: Sequence[Recording]) -> None:
     laws = {mark: [_values(law) for law in found] for mark, found in KNOWN_LAWS.answers().items()}
     told = {mark: [_values(law), _values(by)] for mark, (law, by) in TOLD_LAWS.answers().items()}
     unfed = [mark for mark, column in KNOWN_FED.answers().items() if column is None]
+    stated = {mark: error for mark, error in STATED.answers().items() if all(map(math.isfinite, error))}
     about = {"schema": SCHEMA, "code": _code(), "recordings": _content(recordings)}
-    answers = {"laws": laws, "told": told, "feeds_no_friction": unfed}
+    answers = {"laws": laws, "told": told, "feeds_no_friction": unfed, "stated": stated}
     with suppress(OSError):  # a full disk costs the next command time, and this one not its answer
         write_checked(model.with_suffix(ENDING), finite(about | answers))
 
@@ -72,11 +74,13 @@ def take_laws(model: Path, recordings: Sequence[Recording]) -> bool:
             for mark, (law, by) in content["told"].items()
         }
         unfed = {str(mark): None for mark in content["feeds_no_friction"]}
+        stated = {mark: (float(rms), float(share)) for mark, (rms, share) in content["stated"].items()}
     except (AttributeError, KeyError, TypeError, ValueError):
         return False
     KNOWN_LAWS.told(laws)
     TOLD_LAWS.told(told)
     KNOWN_FED.told(unfed)
+    STATED.told(stated)
     return True
 
 

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import ConfigurationError
+from autotune.core.remembered import Remembered, digest_of
 from autotune.core.units import torque_symbol
 from autotune.diagnosis.candidates import free_of_model
 from autotune.diagnosis.evidence.evidence import without_chain
@@ -42,6 +43,9 @@ BINS = 12
 REGIMES = ("presliding", "reversal", "low_speed", "high_speed", "acceleration")
 AT_SPEED = ("low_speed", "high_speed")
 """Of them: what a curve of friction over speed has."""
+STATED: Remembered[tuple[float, float]] = Remembered()
+"""Rms of the error and its share of the torque's, by all that tells it: a fit has stated that of the model that a
+diagnosis begins with."""
 _LOGARITHMIC = ("travel_since_reversal", "time_since_reversal")
 
 
@@ -130,12 +134,41 @@ def compare(recordings: Sequence[Recording], model: DriveModel) -> Compared:
     return _measures(left, model, _position_error(left.problem, model))
 
 
+def stated(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> tuple[float, float]:
+    """Rms of what a model leaves of the torque [N m or N] (`stated_error`), and its share of the torque's rms.
+
+    What has been stated of the same data and model is known.
+    """
+
+    def found() -> tuple[float, float]:
+        left = _stated_error(data, model, policy)
+        return left.error_rms, left.relative_error
+
+    return STATED.answer(_question(data, model, policy), found)
+
+
+def _question(data: Prepared, model: DriveModel, policy: Policy) -> tuple[object, ...]:
+    """What an error is stated of, told apart by content."""
+    known = {one.name: getattr(data, one.name) for one in fields(data)}
+    columns = {name: value for name, value in known.items() if isinstance(value, np.ndarray)}
+    rest = {name: value for name, value in known.items() if name not in columns}
+    packed, effects = model.pack(), [(one.name, tuple(one.values)) for one in model.effects]
+    content = digest_of(*columns.values(), packed.p, packed.on)
+    return repr((tuple(columns), rest, effects, model.motion_unit, policy)), content
+
+
 def stated_error(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> ModelError:
     """What a model leaves of the torque, less what the measurement chain adds, as `fit` and `diagnose` state it.
 
     When the torque was recorded and how late an ordinary current loop makes it act is a nuisance of every fit. Here the
     model stays as it is: a refit beside it tells that delay, no parameter takes over anything.
     """
+    left = _stated_error(data, model, policy)
+    STATED.answer(_question(data, model, policy), lambda: (left.error_rms, left.relative_error))
+    return left
+
+
+def _stated_error(data: Prepared, model: DriveModel, policy: Policy) -> ModelError:
     left = model_error(data, model, policy)
     problem, packed = left.problem, model.pack()
     if not (problem.twin and data.repeated):

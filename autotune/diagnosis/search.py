@@ -409,10 +409,12 @@ def _lags_after_all(state: SearchState) -> bool:
 
     It must explain beyond chance what the model as it is leaves, and as much of that as a name asks of all, on training
     and veto: a law of the drive that is a little off looks like a part of a lag. All must be named with it that was
-    without it.
+    without it. What a loop's lag does comes again in every repeat: where nothing of that is left beyond doubt, it is
+    not asked.
     """
     before, left = (state.problem, state.root, state.chosen, state.tried), state.model_fit
-    found = lag_in_loop(state.problem, left) if state.evidence.repeats else None
+    asked = state.evidence.repeats and state.more_to_explain(left)
+    found = lag_in_loop(state.problem, left) if asked else None
     if found is None or not state.evidence.apart(state.problem, found[1], left):
         return False
     parts = explained_of_rest(state.problem, left, found[1])

@@ -17,7 +17,7 @@ from autotune.diagnosis.candidates import (
     model_from,
     no_progress,
 )
-from autotune.diagnosis.compare import check_same_axis, stated_error
+from autotune.diagnosis.compare import check_same_axis, stated
 from autotune.diagnosis.confirmation import confirm, in_words
 from autotune.diagnosis.contact_laws import of_many
 from autotune.diagnosis.each_recording import Searched, of_each, own_recordings
@@ -121,7 +121,7 @@ def diagnose(
     """
     check_same_axis(model, recordings)
     data, whole = prepared_both(recordings, policy)
-    given = stated_error(whole, model, policy)
+    error_rms, relative_error = stated(whole, model, policy)
 
     def searched(data: Prepared) -> Searched:
         return _searched(data, model, progress, policy, candidates)
@@ -133,8 +133,8 @@ def diagnose(
         verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
     return replace(
         verdict,
-        error_rms=given.error_rms,
-        relative_error=given.relative_error,
+        error_rms=error_rms,
+        relative_error=relative_error,
         recordings=verdict.recordings or tuple(recordings),
     )
 

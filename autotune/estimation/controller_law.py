@@ -31,7 +31,7 @@ from autotune.core.remembered import LastOf
 from autotune.estimation.data import step_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.recording import Controller
-from autotune.signals.between_samples import bend_between, delayed, finer, later, rate_between
+from autotune.signals.between_samples import bend_between, delayed, finer, later, rate_between, row_means
 from autotune.signals.triangle import Solved, reduced
 
 SHORTEST_RUN = 50  # samples between two clamps
@@ -357,9 +357,14 @@ def law_terms(samples: LoopSamples, smoothing: float) -> Floats:
     """Regressors, shape (n, 7): e, filtered rate of −y, held sum of e, filtered rate of r, rate of r, r, r̈."""
     known, moved = _UNFILTERED.answer((samples,), lambda: _unfiltered(samples))
     terms = known.copy()
-    edges = np.array([(rows.start, rows.stop) for rows in samples.stretches], dtype=np.int64).reshape(-1, 2)
-    _filtered(moved, known[:, 4], edges, smoothing, terms)
+    _filtered(moved, known[:, 4], _edges(samples), smoothing, terms)
     return terms
+
+
+def _edges(samples: LoopSamples) -> Integers:
+    """First row of each stretch and the one after its last, shape (stretches, 2)."""
+    edges = [(rows.start, rows.stop) for rows in samples.stretches]
+    return np.array(edges, dtype=np.int64).reshape(-1, 2)
 
 
 _UNFILTERED: LastOf[tuple[Floats, Floats]] = LastOf(2)
@@ -398,7 +403,7 @@ def taken_at(fine: Floats, ticks: int, taken: str) -> Floats:
     table = fine.reshape(-1, ticks)
     if taken in (MOMENT, EVE):
         return table[:, 0].copy()
-    mean = table.mean(axis=1)
+    mean = row_means(table)
     return np.asarray(np.concatenate([mean[:1], mean[:-1]]) if taken == BEFORE else mean)
 
 
@@ -433,13 +438,21 @@ def fine_reference(samples: LoopSamples, law: PositionController) -> Floats:
 def filtered_rate(samples: LoopSamples, fine: Floats, ticks: int, rate: float) -> Floats:
     """Rate of values between the samples through a filter at `rate` [1/s], shape (n·ticks,)."""
     step = samples.period / ticks
-    share = 1.0 - np.exp(-rate * step)
     moved = np.zeros(len(fine))
-    for rows in samples.stretches:
-        inside = slice(rows.start * ticks, rows.stop * ticks)
-        change = np.diff(fine[inside], prepend=fine[inside.start]) / step
-        moved[inside] = scipy.signal.lfilter([share], [1.0, share - 1.0], change)
+    edges = ticks * _edges(samples)
+    _filtered_rates(fine, edges, step, float(1.0 - np.exp(-rate * step)), moved)
     return moved
+
+
+@kernel
+def _filtered_rates(fine: Floats, edges: Integers, step: float, share: float, moved: Floats) -> None:
+    """Filtered rates of values, 0 at first, as `scipy.signal.lfilter` sums them, in each stretch."""
+    left = share - 1.0
+    for i in range(len(edges)):
+        ahead, last = 0.0, fine[edges[i, 0]]
+        for k in range(edges[i, 0], edges[i, 1]):
+            rate = ahead + share * ((fine[k] - last) / step)
+            moved[k], ahead, last = rate, -(left * rate), fine[k]
 
 
 def between_terms(samples: LoopSamples, law: PositionController, rate: float) -> Floats:
@@ -456,6 +469,12 @@ def between_terms(samples: LoopSamples, law: PositionController, rate: float) ->
 def answered(samples: LoopSamples, terms: Floats, law: PositionController) -> Floats:
     """Rows of terms between the samples, shape (k, n·ticks), as the torque that answers to them is recorded, (k, n)."""
     shown = terms
+    if law.answer_delay and law.taken in (MOMENT, EVE):
+        shown = terms[:, :: law.ticks].copy()
+        for rows in samples.stretches:
+            inside = slice(rows.start * law.ticks, rows.stop * law.ticks)
+            shown[:, rows] = later(terms[:, inside], law.answer_delay * law.ticks, law.ticks)
+        return shown
     if law.answer_delay:
         shown = terms.copy()
         for rows in samples.stretches:

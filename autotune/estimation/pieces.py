@@ -23,9 +23,10 @@ from autotune.estimation.controller import is_closed
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import STANDSTILL_COUNTS, STANDSTILL_SECONDS
 from autotune.estimation.disturbance import STILL, Disturbance
-from autotune.estimation.residual import Motion, abreast, stretch_residual, stretch_residuals
+from autotune.estimation.residual import Motion, stretch_residual, stretch_residuals
 from autotune.estimation.twin import leading, loop_along, simulate_stretch, simulate_stretches, start_state
 from autotune.models.drive_model import Packed
+from autotune.models.lanes import beside_or_one
 from autotune.recordings.checks import clipped, guide_of, torque_of
 from autotune.recordings.recording import Recording
 from autotune.signals.filters import low_pass, motion
@@ -345,7 +346,7 @@ def run_twins(
     if count == 1 or (piece.closed and not controller.usable):
         return [run_twin(piece, packed, around, noise) for noise in noises]
     shaken = [around.shaken(noise, len(piece), piece.period) for noise in noises]
-    disturbed, position_noise = (abreast([one[part] for one in shaken]) for part in (0, 1))
+    disturbed, position_noise = (beside_or_one([one[part] for one in shaken]) for part in (0, 1))
     position, torque, inside = simulate_stretches(
         piece,
         [packed] * count,

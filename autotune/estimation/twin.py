@@ -221,12 +221,13 @@ def simulate_stretches(
 
     Args:
         bounds: limit of the torque and resolution, as there.
-        disturbance, position_noise: as there, shape (8, n), or (1, n) where it is one for all.
+        disturbance, position_noise: as there, shape (n, 8), or (1, n) where it is one for all (`beside_or_one`).
         given: what `loop_along` gives.
     """
     models = [late_as_recorded(recorded, packed) for packed in models]
     n, period = len(recorded.reference), recorded.period / given.ticks
-    offset = np.broadcast_to(position_noise.mean(axis=1) if controller.adrift else 0.0, WIDTH)
+    rows = position_noise if len(position_noise) == 1 else position_noise.T
+    offset = np.broadcast_to([one.mean() for one in rows] if controller.adrift else 0.0, WIDTH)
     commands = given.command[None]
     if recorded.closed and np.any(offset != 0.0):
         commands = given.command + offset[:, None]

@@ -22,7 +22,6 @@ from autotune.estimation.parts import SETTLED, until_last
 from autotune.estimation.residual import (
     Motion,
     Simulated,
-    abreast,
     batches,
     clockless,
     residuals_of_each,
@@ -31,6 +30,7 @@ from autotune.estimation.residual import (
 from autotune.estimation.twin import Loop, loop_along, simulate_stretch, simulate_stretches, steps_of_twin
 from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
+from autotune.models.lanes import WIDTH, beside_or_one
 from autotune.signals.between_samples import later, mean_answer
 from autotune.signals.filters import low_pass
 
@@ -249,7 +249,7 @@ def _runs_in_lanes(
         before = rows.stop
         alike = all(noise is together[0][1] for _, noise in together)  # one for all lanes then
         noises = [noise for _, noise in (together[:1] if alike else together)]
-        shaken, unsure = (abreast([noise[part][rows] for noise in noises]) for part in (0, 1))
+        shaken, unsure = (_abreast([noise[part] for noise in noises], stretch) for part in (0, 1))
         *done, inside = simulate_stretches(
             _recorded(data, controller, stretch),
             [packed for packed, _ in together],
@@ -276,6 +276,15 @@ def _runs_in_lanes(
         Simulated(position[i], torque[i], noise[0], _follows(data, position[i], near))
         for i, (_, noise) in enumerate(together)
     ]
+
+
+def _abreast(noises: Sequence[Floats], stretch: Stretch) -> Floats:
+    """Noises of shape (n,) of the lanes of a pass along a stretch (`beside_or_one`); pass after pass has the same."""
+    lanes = [noises[min(lane, len(noises) - 1)] for lane in range(WIDTH)]
+    return _TURNED.answer((*lanes, stretch), lambda: beside_or_one([one[stretch.rows] for one in noises]))
+
+
+_TURNED: LastOf[Floats] = LastOf(4)
 
 
 def _loop(data: Prepared, controller: PositionController, stretch: Stretch, loops: Loops) -> Loop:

@@ -24,7 +24,7 @@ from autotune.models.contact import (
     viscous_coefficient,
 )
 from autotune.models.encoder_eccentricity import IS_ECCENTRIC, reading_error
-from autotune.models.lanes import along, anywhere, side_by_side, where
+from autotune.models.lanes import along, anywhere, shared_or_beside, side_by_side, where
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
 from autotune.models.load_dependent_friction import IS_PRESSED, press
 from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_stiffness
@@ -290,7 +290,8 @@ def simulate_in_lanes(
 ) -> int:
     """`simulate` for eight twins of one command: up to the first of them that leaves all bounds.
 
-    p, `state` and `loop` are of shape (places, 8); disturbance, noise and results (8, n); what all are given (1, n).
+    p, `state` and `loop` are of shape (places, 8), disturbance and noise (n, 8), results (8, n); what all are given
+    (1, n).
     """
     return simulate(
         side_by_side(p),
@@ -302,8 +303,8 @@ def simulate_in_lanes(
         substeps,
         along(command),
         along(feedforward),
-        along(disturbance),
-        along(position_noise),
+        shared_or_beside(disturbance),
+        shared_or_beside(position_noise),
         along(position),
         along(torque),
         averaged,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import reduce
+from operator import add
 
 import numpy as np
 
@@ -18,16 +20,38 @@ def delayed(values: Floats, late: int, before: float) -> Floats:
     return shown
 
 
-def later(values: Floats, count: float) -> Floats:
-    """Values of shape (…, n) so many places later, on straight lines between them; the first stays until then."""
+def later(values: Floats, count: float, every: int = 1) -> Floats:
+    """Values of shape (…, n) so many places later, on straight lines between them; the first stays until then.
+
+    Of `every` so many places the first one only.
+    """
     if count == 0.0:
-        return values
+        return values[..., ::every]
     whole = int(count)
     first, last = values[..., :1], values.shape[-1]
-    held = np.concatenate([np.repeat(first, whole + 1, axis=-1), values], axis=-1)
-    return np.asarray(
-        held[..., 1 : last + 1] + (count - whole) * (held[..., :last] - held[..., 1 : last + 1])
-    )
+    if every > 1:
+        here = np.arange(0, last, every) - whole
+        now, before = values[..., np.maximum(here, 0)], values[..., np.maximum(here - 1, 0)]
+    else:
+        held = np.concatenate([np.repeat(first, whole + 1, axis=-1), values], axis=-1)
+        now, before = held[..., 1 : last + 1], held[..., :last]
+    return np.asarray(now + (count - whole) * (before - now))
+
+
+def row_means(table: Floats) -> Floats:
+    """Mean of each row of a table of few columns, shape (n, k): to the last bit numpy's, which goes row by row.
+
+    From eight columns on it has eight sums, of every eighth, and what is beyond the last eight is added to their sum.
+    """
+    count = table.shape[1]
+    eights = count - count % 8
+    columns = list(table.T)
+    parts = [reduce(add, columns[first:eights:8]) for first in range(8 if eights else 0)]
+    while len(parts) > 1:
+        parts = [one + other for one, other in zip(parts[::2], parts[1::2], strict=True)]
+    for i in range(eights, count):
+        parts = [parts[0] + columns[i] if parts else columns[i]]
+    return np.asarray(parts[0] / count)
 
 
 def finer(values: Floats, ticks: int, cubic: bool) -> Floats:

@@ -14,6 +14,7 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis import baseline
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
+from autotune.diagnosis.evidence import evidence as measured
 from autotune.diagnosis.evidence.evidence import (
     Evidence,
     cycles_in_place,
@@ -25,7 +26,7 @@ from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.rounds import SearchState
-from autotune.diagnosis.search import _cycles_do, _without_chains_lag
+from autotune.diagnosis.search import _cycles_do, _lags_after_all, _without_chains_lag
 from autotune.diagnosis.settling import _aligned
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.alignment import behind_current_loop, followed_late, shifted
@@ -40,7 +41,7 @@ from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import (
     estimate_disturbance,
 )
-from autotune.estimation.least_squares import Free
+from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.problem import Correction, Problem, refit
 from autotune.estimation.residual import Simulated, measured_motion
 from autotune.estimation.twin_runs import acted_late, run_twin, run_twins, shaken
@@ -80,6 +81,26 @@ def test_what_the_measurement_chain_can_do_is_taken_out(begun: Begun, late: floa
         other = RepeatedProgramme().aligned(*_spoilt(begun, shifted(begun[0].data, late), exact=False))
         assert again.data.shift - other.data.shift == pytest.approx(2.0 * late, abs=0.1)
         assert again.data.shift == pytest.approx(late, abs=0.3)
+
+
+def test_a_delay_beside_which_the_axis_has_no_inertia_is_none(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fit may give all inertia to a delay: the twin of such an axis takes as many steps as there are, for nothing."""
+    problem, model_fit = _spoilt(begun, shifted(begun[0].data, -0.8), exact=False)
+    asked: list[Packed] = []
+
+    def weightless(*args: Any) -> Fitted:
+        fitted = refit(*args)
+        (inertia,) = (one for one in fitted.free if one.slot == layout.INERTIA)
+        p = fitted.packed.p.copy()
+        p[layout.INERTIA] = inertia.lower + 1e-12 * inertia.scale  # as a step that ends there comes to
+        asked.append(Packed(p, fitted.packed.on))
+        return replace(fitted, packed=asked[-1])
+
+    monkeypatch.setattr(measured, "refit", weightless)
+    assert RepeatedProgramme().aligned(problem, model_fit) is problem
+    assert len(asked) == 1
 
 
 def test_a_lag_in_the_loop_is_told_from_rows_that_were_written_late(begun: Begun) -> None:
@@ -428,6 +449,20 @@ def test_what_remembers_need_not_come_again_where_experiments_held_out_and_veto_
     search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme())
     assert search.remembers(best) == sure
     assert not search.remembers(replace(best, veto=None))
+
+
+@pytest.mark.parametrize("more", [True, False])
+def test_a_lag_of_the_loop_is_asked_for_where_anything_comes_again(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, more: bool
+) -> None:
+    """What it does comes again in every repeat."""
+    problem, root = begun
+    asked: list[ModelFit] = []
+    monkeypatch.setattr("autotune.diagnosis.search.lag_in_loop", lambda _, left: asked.append(left))
+    monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: more)
+    search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme())
+    assert not _lags_after_all(search)
+    assert len(asked) == int(more)
 
 
 @pytest.mark.parametrize(

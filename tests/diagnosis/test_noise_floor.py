@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from autotune.diagnosis import compare as comparing
 from autotune.diagnosis.compare import EACH_IN_TURN, compare, unseen_error
 from autotune.diagnosis.fitting import add_effect, fit_model
 from autotune.diagnosis.refits import is_chance, without_insignificant_terms
+from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import TRAINING, Block
 from autotune.estimation.least_squares import Fitted, Free, covariance
@@ -38,6 +40,20 @@ def _plain():
     from tests.support.axes import NOMINAL
 
     return base_model(NOMINAL)
+
+
+def test_what_was_stated_of_a_model_is_known_and_of_another_is_not(
+    short: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, asked = _plain(), []
+    compared = compare([short], model)
+    own = comparing._stated_error
+    monkeypatch.setattr(comparing, "_stated_error", lambda *about: asked.append(about) or own(*about))
+    assert comparing.stated(prepared_for([short]), model) == (compared.error_rms, compared.relative_error)
+    assert not asked
+    heavier = model.with_values({"inertia": model["inertia"] * (1.0 + 1e-15)})
+    comparing.stated(prepared_for([short]), heavier)
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.8, 0.95])

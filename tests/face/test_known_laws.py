@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from autotune.api.known_laws import keep_laws, take_laws
 from autotune.core.arrays import Floats
 from autotune.core.durable import write_checked
 from autotune.core.remembered import Remembered
+from autotune.diagnosis import compare
 from autotune.estimation import controller, model_error
 from autotune.estimation.controller_law import MOMENT, PositionController
 from autotune.estimation.disturbance import STILL, Disturbance
@@ -50,6 +52,9 @@ def _forget(monkeypatch: pytest.MonkeyPatch) -> None:
     fed: Remembered[Floats | None] = Remembered()
     for place in (controller, known_laws):
         monkeypatch.setattr(place, "KNOWN_FED", fed)
+    stated: Remembered[tuple[float, float]] = Remembered()
+    for place in (compare, known_laws):
+        monkeypatch.setattr(place, "STATED", stated)
 
 
 def _recording(off: float = 0.0, limit: float | None = None) -> Recording:
@@ -64,6 +69,8 @@ def _kept(folder: Path) -> Path:
     known_laws.TOLD_LAWS.answer(TOLD, lambda: (LAW, SHAKEN))
     known_laws.KNOWN_FED.answer("feeds none", lambda: None)
     known_laws.KNOWN_FED.answer("feeds some", lambda: np.ones(3))
+    known_laws.STATED.answer("of the model", lambda: (1.0 / 3.0, 0.1))
+    known_laws.STATED.answer("of no torque", lambda: (math.nan, math.nan))
     keep_laws(folder / "model.toml", [_recording()])
     return folder / "model.toml"
 
@@ -92,6 +99,17 @@ def test_that_no_friction_is_fed_is_known_and_a_column_is_looked_for_again(
     assert take_laws(model, [_recording()])
     assert known_laws.KNOWN_FED.answer("feeds none", lambda: np.zeros(3)) is None
     assert np.array_equal(known_laws.KNOWN_FED.answer("feeds some", lambda: np.zeros(3)), np.zeros(3))
+
+
+def test_the_error_that_was_stated_of_a_model_is_known_to_the_last_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that is no number is told again."""
+    model = _kept(tmp_path)
+    _forget(monkeypatch)
+    assert take_laws(model, [_recording()])
+    assert known_laws.STATED.answer("of the model", lambda: (0.0, 0.0)) == (1.0 / 3.0, 0.1)
+    assert known_laws.STATED.answer("of no torque", lambda: (0.0, 0.0)) == (0.0, 0.0)
 
 
 def test_a_question_that_was_not_asked_has_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,6 +20,7 @@ from autotune.models.lanes import (
     WIDTH,
     along,
     anywhere,
+    beside_or_one,
     filled,
     room_for,
     side_by_side,
@@ -117,7 +118,8 @@ def test_a_simulated_axis_moves_as_it_does_alone(effect: str) -> None:
     position, torque = np.empty((2, WIDTH, ROWS))
     done = simulate_in_lanes(
         filled([one.p for one in models]), models[0].on, np.zeros((layout.STATES, WIDTH)), gains,
-        filled([_loop()] * WIDTH), True, steps, POSITION[None], still[None], shaken, 0.0 * shaken, position, torque,
+        filled([_loop()] * WIDTH), True, steps, POSITION[None], still[None], beside_or_one(shaken), still[None],
+        position, torque,
     )  # fmt: skip
     assert done == ROWS
     for lane, one in enumerate(models):
@@ -132,12 +134,11 @@ def test_a_simulated_axis_moves_as_it_does_alone(effect: str) -> None:
 
 def test_where_one_axis_runs_away_all_of_them_stop() -> None:
     model, unstable = base_model(NUMBERS).pack(), np.array([8.0, -5.0, 0.0, 1.0])
-    still, zero = np.zeros((WIDTH, ROWS)), np.zeros((1, ROWS))
-    shaken = still.copy()
-    shaken[3] = 1e12
+    zero, shaken = np.zeros((1, ROWS)), np.zeros((ROWS, WIDTH))
+    shaken[:, 3] = 1e12
     done = simulate_in_lanes(
         filled([model.p] * WIDTH), model.on, np.zeros((layout.STATES, WIDTH)), 0.0 * unstable,
-        filled([_loop()] * WIDTH), False, 5, zero, zero, shaken, still, still.copy(), still.copy(),
+        filled([_loop()] * WIDTH), False, 5, zero, zero, shaken, zero, *np.empty((2, WIDTH, ROWS)),
     )  # fmt: skip
     assert done < 3
 

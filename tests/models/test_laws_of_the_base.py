@@ -193,10 +193,9 @@ def test_eight_models_in_one_pass_are_each_as_alone(memory: bool) -> None:
     position, torque = np.empty((2, WIDTH, ROWS))
     loop = np.array([PERIOD, 3.0, 1e-4, 0.0, 0.0, 0.0, 0.0])
     steps = max(substeps_for(one.p, PERIOD, one.on) for one in models)
-    nothing = np.zeros((WIDTH, ROWS))
     done = simulate_in_lanes(
         table, on, np.zeros((layout.STATES, WIDTH)), GAINS, filled([loop.copy() for _ in models]), True, steps,
-        POSITION[None], still[None], nothing, nothing, position, torque,
+        POSITION[None], *[still[None]] * 3, position, torque,
     )  # fmt: skip
     assert done == ROWS
     for lane, one in enumerate(models):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from autotune.signals.between_samples import mean_answer
+from autotune.signals.between_samples import later, mean_answer, row_means
 
 
 def test_a_laws_mean_answer_is_what_it_makes_of_straight_lines_between_the_samples() -> None:
@@ -20,3 +20,17 @@ def test_a_laws_mean_answer_is_what_it_makes_of_straight_lines_between_the_sampl
         filtered = signal.lfilter([share], [1.0, share - 1.0], change)
         law = gains[0] * fine + gains[1] * filtered + gains[2] * np.cumsum(fine) * period / ticks
         assert answer[:-1] == pytest.approx(law.reshape(-1, ticks).mean(axis=1), abs=0.01 * np.std(law))
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 6, 7, 8, 9, 16, 25])
+def test_a_mean_over_a_samples_ticks_is_numpys_to_the_last_bit(ticks: int) -> None:
+    random = np.random.default_rng(3)
+    table = random.normal(size=(400, ticks)) * 10.0 ** random.integers(-6, 6, size=(400, ticks))
+    assert np.array_equal(row_means(table), table.mean(axis=1))
+
+
+@pytest.mark.parametrize("count", [0.0, 0.25, 1.0, 5.5, 100.0])
+def test_of_what_comes_late_some_may_be_asked_for_alone(count: float) -> None:
+    values = np.random.default_rng(4).normal(size=(3, 60))
+    for every in (1, 2, 4):
+        assert np.array_equal(later(values, count, every), later(values, count)[:, ::every])

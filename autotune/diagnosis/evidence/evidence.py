@@ -30,10 +30,11 @@ from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.controller import RECORDED_LATE, as_recorded, as_wanted
 from autotune.estimation.controller_law import NEXT
 from autotune.estimation.data import Prepared
-from autotune.estimation.least_squares import CORRELATED, followed, standard_errors
+from autotune.estimation.least_squares import CORRELATED, Fitted, followed, standard_errors
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion, smoothed
+from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.start_values import Vary
@@ -66,6 +67,8 @@ MOST_UNEXPLAINED = 0.25
 """Of a recording's torque variance: where more is left, it confirms nothing (an arm's joints, others moving)."""
 SURE = 2.0
 """Standard errors by which a lag must be longer than a current loop's to be more."""
+ROUNDING = 1e-9
+"""Of what torque and acceleration suggest: inertia that is above its bound by no more has been taken there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,17 +284,25 @@ def without_chain(problem: Problem, model_fit: ModelFit) -> Problem:
     cycles later, and behind a current loop. Any other torque may be recorded at another moment too: it is moved. A
     model that was fitted before has taken over a part of a delay of cycles: the rest is found beside the model after.
     The axis ran in its loop: a delay with which the twin's would be unstable, where it was not, is none of the axis.
-    Nor is one in whose place a lag in the loop leaves clearly less.
+    Nor is one in whose place a lag in the loop leaves clearly less, or beside which the axis has no inertia.
     """
     again = _moved_once(problem, model_fit)
     if again is problem:
         return problem
     fitted = refit(again, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, SETTLED)
+    if _weightless(fitted):
+        return problem
     moved = _moved_once(again, replace(model_fit, fitted=fitted))
     settled = replace(model_fit, fitted=fitted)
     if not moved.correction(fitted.packed, 1).stable or _lags_in_loop(problem, moved, settled):
         return problem
     return moved
+
+
+def _weightless(fitted: Fitted) -> bool:
+    """Whether a fit has taken all inertia from its axis: that is none, and no step of a twin follows it."""
+    inertia = [one for one in fitted.free if one.slot == layout.INERTIA]
+    return any(fitted.packed.p[one.slot] - one.lower <= ROUNDING * one.scale for one in inertia)
 
 
 def _lags_in_loop(problem: Problem, moved: Problem, model_fit: ModelFit) -> bool:
@@ -305,11 +316,11 @@ def _lags_in_loop(problem: Problem, moved: Problem, model_fit: ModelFit) -> bool
     packed = model_fit.fitted.packed
     if not problem.twin or packed.on[IS_LATE] or problem.two_masses(packed) or late <= CURRENT_LOOP:
         return False
-    here = settled_in(moved, model_fit)
     lags = _behind_lag(problem, model_fit, late)
-    if here is None or lags is None or lags.fitted.cost >= CLEARLY_LESS * here[1].fitted.cost:
+    if lags is None or not _is_long(problem, lags):
         return False
-    return _is_long(problem, lags)
+    here = settled_in(moved, model_fit)
+    return here is not None and lags.fitted.cost < CLEARLY_LESS * here[1].fitted.cost
 
 
 def lag_in_loop(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
