@@ -26,6 +26,7 @@ from autotune.signals.late_rows import in_time
 from autotune.signals.periodic import Periodic, periodic
 
 MOTION_CUTOFF = 150.0  # Hz, of position, velocity and acceleration
+LEAST_ROWS = 50  # of a stretch: a shorter one tells nothing, and is too short for filters and twins
 CUTOFF = 60.0  # Hz, of everything that is compared
 FASTEST = 0.09
 """Of the sampling rate: faster motion cannot be had from central differences."""
@@ -397,7 +398,9 @@ def stretches_of(recording: Recording, offset: int) -> list[Stretch]:
     closed = _controlled(recording)
     edges = [0, *(np.flatnonzero(lost | jump | (np.diff(closed) != 0)) + 1).tolist(), len(recording)]
     return [
-        Stretch(offset + a, offset + b, bool(closed[a])) for a, b in itertools.pairwise(edges) if b - a >= 50
+        Stretch(offset + a, offset + b, bool(closed[a]))
+        for a, b in itertools.pairwise(edges)
+        if b - a >= LEAST_ROWS
     ]
 
 

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.data import TRAINING, Block, Prepared, Stretch
+from autotune.estimation.data import LEAST_ROWS, TRAINING, Block, Prepared, Stretch
 from autotune.models import layout
 from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording, Segment
@@ -44,9 +44,13 @@ def until_last(data: Prepared, rows: Flags, settled: float = SETTLED) -> Prepare
 
 
 def until_sample(data: Prepared, end: int, settled: float = SETTLED) -> Prepared:
-    """The data up to a sample, and as far beyond as filters need: so many periods of the motion's cut-off."""
+    """The data up to a sample, and as far beyond as filters need: so many periods of the motion's cut-off.
+
+    Where that ends just behind the beginning of a stretch, the stretch keeps as many rows as every one has.
+    """
     end += math.ceil(settled / (data.motion_cutoff * data.period))
-    stretches = (Stretch(s.start, min(s.stop, end), s.closed) for s in data.stretches if s.start < end)
+    begun = [s for s in data.stretches if s.start < end]
+    stretches = (Stretch(s.start, min(s.stop, max(end, s.start + LEAST_ROWS)), s.closed) for s in begun)
     return replace(data, stretches=tuple(stretches))
 
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autotune.estimation.data import TRAINING, VETO, Prepared, prepare
+from autotune.estimation.data import LEAST_ROWS, TRAINING, VETO, Prepared, Stretch, prepare
 from autotune.estimation.least_squares import done_alone, done_together, fitting, jacobian, with_values
-from autotune.estimation.parts import first_round, until_last
+from autotune.estimation.parts import first_round, until_last, until_sample
 from autotune.estimation.problem import base_free, new_problem
 from autotune.estimation.residual import measured_motion, residual
 from autotune.models import layout
@@ -40,6 +40,18 @@ def test_residuals_before_the_end_are_those_of_the_whole(data: Prepared) -> None
     cut = residual(part, PACKED, measured_motion(data))
     np.testing.assert_array_equal(cut[rows], whole[rows])
     np.testing.assert_array_equal(cut[data.role("test")], 0.0)
+
+
+@pytest.mark.parametrize("rows", [1, 2, LEAST_ROWS - 1, LEAST_ROWS, LEAST_ROWS + 1])
+def test_a_stretch_that_has_just_begun_is_no_shorter_than_any(data: Prepared, rows: int) -> None:
+    """A recording with a gap behind every experiment; a twin of a single row has no speed to begin with."""
+    start = data.stretches[0].start + 1000
+    two = Stretch(data.stretches[0].start, start, True), Stretch(start, data.stretches[0].stop, True)
+    apart = replace(data, stretches=two)
+    first, begun = until_sample(apart, start + rows, settled=0.0).stretches
+    assert first == two[0]
+    assert (begun.start, begun.stop) == (start, start + max(rows, LEAST_ROWS))
+    assert until_sample(apart, start, settled=0.0).stretches == two[:1]
 
 
 def test_sensitivities_of_the_first_round_hold_for_the_others(data: Prepared) -> None:
