@@ -358,6 +358,66 @@ def cycles_in_place(problem: Problem, lags: ModelFit) -> list[tuple[Problem, Mod
     return found
 
 
+def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
+    """Problem and model with the torque recorded in another way, where that leaves clearly less in the twin.
+
+    How a drive's torque was recorded is told by twins that act at once, moved by an ordinary current loop's lag at
+    most; whole cycles are found behind that. A reading half a sample sooner or later makes up for a part of what is
+    late. So where cycles were found, each way is fitted as late as it turns out to be, the twin's loop with it. A lag
+    that is ordinary is taken out there; of a longer one the torque acts at once, so that it is a candidate.
+
+    None where no cycles were taken out, or no other way leaves clearly less.
+    """
+    data, law = problem.data, problem.controller
+    if law is None or data.cycles == 0 or not _loops_between(problem) or model_fit.fitted.packed.on[IS_LATE]:
+        return None
+    trials = [
+        (again, fit)
+        for way, late in _ways_of_recording(problem)
+        for again in _cycles_near(way, late)
+        if (fit := _behind_lag(again, model_fit, max(late - _cycles_of(again.data), FINE_SHIFT))) is not None
+    ]
+    usual = [one for one in trials if not _is_long(*one)]
+    least = min((one[1].fitted.cost for one in trials), default=np.inf)
+    again, fit = min(usual or trials, key=lambda one: one[1].fitted.cost, default=(problem, model_fit))
+    if least < CLEARLY_LESS * fit.fitted.cost:
+        again, fit = min(trials, key=lambda one: one[1].fitted.cost)
+    other = again.controller is not None and again.controller.taken != law.taken
+    if not other or fit.fitted.cost >= CLEARLY_LESS * model_fit.fitted.cost:
+        return None
+    return (
+        settled_in(_with_cycles_again(again), model_fit) if _is_long(again, fit) else _taken_out(again, fit)
+    )
+
+
+def _taken_out(problem: Problem, lags: ModelFit) -> tuple[Problem, ModelFit] | None:
+    """Problem and model with the model's lag, as of a current loop, taken out of the torque."""
+    p, on = lags.fitted.packed.p.copy(), lags.fitted.packed.on.copy()
+    lag, error = float(p[TIME_CONSTANT]), float(standard_errors(lags.fitted, problem.training)[-1])
+    p[TIME_CONSTANT], on[IS_LATE] = 0.0, False
+    data = replace(behind_current_loop(problem.data, min(lag, CURRENT_LOOP)), lag_error=error)
+    there, free = _with(problem, data), [one for one in lags.free if one.slot != TIME_CONSTANT]
+    effects = tuple(effect for effect in lags.effects if effect != TORQUE_LAG.name)
+    fit = fit_inside_twin(there, Packed(p, on), free, 2, effects)
+    return None if fit is None else (there, fit)
+
+
+def _cycles_near(problem: Problem, late: float) -> list[Problem]:
+    """The problem with its torque so many whole cycles later as come next to a lag [s], none among them."""
+    data = problem.data
+    whole = int(late / (data.upsampling * data.period))
+    found = []
+    for count in sorted({whole - 1, whole, whole + 1} & {0, *CYCLES}):
+        later = replace(shifted(data, data.shift - 2.0 * data.upsampling * count), cycles=count)
+        found.append(_with(problem, later) if count > 0 else problem)
+    return found
+
+
+def _cycles_of(data: Prepared) -> float:
+    """Whole cycles that were taken out [s]."""
+    return data.upsampling * data.period * data.cycles
+
+
 def _ways_of_recording(problem: Problem) -> list[tuple[Problem, float]]:
     """The problem with its torque acting at once, in each way in which it may have been recorded, and the lag [s] that
     is expected there, by how late the torque is as it is now."""
