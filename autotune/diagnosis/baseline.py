@@ -283,10 +283,10 @@ def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
     least = problem.policy.clearly_less * found.fitted.cost
     if told is problem and again.data.lag > 0.0 and model_fit.fitted.cost < least:
         return problem, model_fit
-    heard = told is not problem or again.data.cycles > 0 or again.data.lag > 0.0
-    if not (evidence.repeats and heard):
+    if not evidence.repeats:
         return again, found
-    again, found = with_noise_of(again, found)
+    if told is not problem or again.data.cycles > 0 or again.data.lag > 0.0:
+        again, found = with_noise_of(again, found)
     other = recorded_otherwise(again, found)
     return (again, found) if other is None else with_noise_of(*other)
 

@@ -362,14 +362,15 @@ def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, 
     """Problem and model with the torque recorded in another way, where that leaves clearly less in the twin.
 
     How a drive's torque was recorded is told by twins that act at once, moved by an ordinary current loop's lag at
-    most; whole cycles are found behind that. A reading half a sample sooner or later makes up for a part of what is
-    late. So where cycles were found, each way is fitted as late as it turns out to be, the twin's loop with it. A lag
+    most; what is later is found behind that. A reading half a sample sooner or later makes up for a part of what is
+    late. So where it turned out later, each way is fitted as late as it comes to be, the twin's loop with it. A lag
     that is ordinary is taken out there; of a longer one the torque acts at once, so that it is a candidate.
 
-    None where no cycles were taken out, or no other way leaves clearly less.
+    None where nothing was that late, or no other way leaves clearly less.
     """
-    data, law = problem.data, problem.controller
-    if law is None or data.cycles == 0 or not _loops_between(problem) or model_fit.fitted.packed.on[IS_LATE]:
+    data, law, packed = problem.data, problem.controller, model_fit.fitted.packed
+    known = data.cycles == 0 and data.period * data.late <= CURRENT_LOOP
+    if law is None or known or not _loops_between(problem) or packed.on[IS_LATE] or problem.two_masses(packed):
         return None
     trials = [
         (again, fit)
