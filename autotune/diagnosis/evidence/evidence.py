@@ -363,14 +363,21 @@ def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, 
 
     How a drive's torque was recorded is told by twins that act at once, moved by an ordinary current loop's lag at
     most; what is later is found behind that. A reading half a sample sooner or later makes up for a part of what is
-    late. So where it turned out later, each way is fitted as late as it comes to be, the twin's loop with it. A lag
-    that is ordinary is taken out there; of a longer one the torque acts at once, so that it is a candidate.
+    late. So where it turned out later, each way is fitted as late as it comes to be, the twin's loop with it: whole
+    cycles, and an ordinary lag behind them.
 
-    None where nothing was that late, or no other way leaves clearly less.
+    None where nothing was that late, where no other way leaves clearly less, or a longer lag does: it is an effect
+    (`lag_in_loop`).
     """
     data, law, packed = problem.data, problem.controller, model_fit.fitted.packed
     known = data.cycles == 0 and data.period * data.late <= CURRENT_LOOP
-    if law is None or known or not _loops_between(problem) or packed.on[IS_LATE] or problem.two_masses(packed):
+    if (
+        law is None
+        or known
+        or not _loops_between(problem)
+        or packed.on[IS_LATE]
+        or problem.two_masses(packed)
+    ):
         return None
     trials = [
         (again, fit)
@@ -380,15 +387,11 @@ def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, 
     ]
     usual = [one for one in trials if not _is_long(*one)]
     least = min((one[1].fitted.cost for one in trials), default=np.inf)
-    again, fit = min(usual or trials, key=lambda one: one[1].fitted.cost, default=(problem, model_fit))
-    if least < CLEARLY_LESS * fit.fitted.cost:
-        again, fit = min(trials, key=lambda one: one[1].fitted.cost)
+    again, fit = min(usual, key=lambda one: one[1].fitted.cost, default=(problem, model_fit))
     other = again.controller is not None and again.controller.taken != law.taken
-    if not other or fit.fitted.cost >= CLEARLY_LESS * model_fit.fitted.cost:
+    if not other or least < CLEARLY_LESS * fit.fitted.cost:
         return None
-    return (
-        settled_in(_with_cycles_again(again), model_fit) if _is_long(again, fit) else _taken_out(again, fit)
-    )
+    return _taken_out(again, fit) if fit.fitted.cost < CLEARLY_LESS * model_fit.fitted.cost else None
 
 
 def _taken_out(problem: Problem, lags: ModelFit) -> tuple[Problem, ModelFit] | None:
