@@ -165,9 +165,9 @@ def test_how_a_torque_was_recorded_is_told_again_once_it_is_known_to_be_late(
     late = replace(problem, controller=law, told=Told(problem.data, laws), data=replace(moved, cycles=1))
     assert recorded_otherwise(replace(late, data=problem.data), model_fit) is None, "no cycle was found"
 
-    def fitted(problem: Problem, model_fit: ModelFit, late: float) -> ModelFit:
+    def fitted(problem: Problem, model_fit: ModelFit, late: float, steepness: float) -> ModelFit:
         assert problem.controller is not None
-        best = (problem.controller.taken, problem.data.cycles) == least
+        best = (problem.controller.taken, problem.data.cycles) == least and steepness == 0.0
         lags = _lagging((problem, model_fit), lag if best else 0.0, ("torque_lag",))
         cost = (0.5 if best else 2.0) * model_fit.fitted.cost
         return replace(lags, fitted=replace(lags.fitted, cost=cost))

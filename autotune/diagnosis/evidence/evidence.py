@@ -47,6 +47,8 @@ early is room for a slower current loop than `BESIDE`."""
 FILTERED = 2e-3
 """s, by which a torque may be recorded later still, by the filter of its reading. No axis answers before it is asked:
 no effect has this sign."""
+AS_A_WHOLE = STAGES / (STAGES + 1.0)
+"""Steepness of a lag all of whose stages are alike."""
 SETTLED = 4
 """Steps of a fit after torque and motion were moved."""
 WORTH_ALIGNING = 0.998
@@ -364,7 +366,7 @@ def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, 
     How a drive's torque was recorded is told by twins that act at once, moved by an ordinary current loop's lag at
     most; what is later is found behind that. A reading half a sample sooner or later makes up for a part of what is
     late. So where it turned out later, each way is fitted as late as it comes to be, the twin's loop with it: whole
-    cycles, and an ordinary lag behind them.
+    cycles, and an ordinary lag behind them. Beside them stands a lag of several stages, as a running mean bends so.
 
     None where nothing was that late, where no other way leaves clearly less, or a longer lag does: it is an effect
     (`lag_in_loop`).
@@ -382,8 +384,8 @@ def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, 
     trials = [
         (again, fit)
         for way, late in _ways_of_recording(problem)
-        for again in _cycles_near(way, late)
-        if (fit := _behind_lag(again, model_fit, max(late - _cycles_of(again.data), FINE_SHIFT))) is not None
+        for again, steep in [*((one, 0.0) for one in _cycles_near(way, late)), (way, AS_A_WHOLE)]
+        if (fit := _behind_lag(again, model_fit, max(late - _cycles_of(again.data), FINE_SHIFT), steep))
     ]
     usual = [one for one in trials if not _is_long(*one)]
     least = min((one[1].fitted.cost for one in trials), default=np.inf)
@@ -461,11 +463,16 @@ def recorded_late(problem: Problem) -> Problem | None:
     return _with(replace(problem, controller=replace(law.sooner(), why="")), shifted(problem.data, 2.0))
 
 
-def _behind_lag(problem: Problem, model_fit: ModelFit, late: float) -> ModelFit | None:
-    """The model with a lag, fitted inside the twin from so long a one [s]; None where the twin is unstable."""
+def _behind_lag(
+    problem: Problem, model_fit: ModelFit, late: float, steepness: float = 0.0
+) -> ModelFit | None:
+    """The model with a lag, fitted inside the twin from so long a one [s]; None where the twin is unstable.
+
+    `steepness`: share of it in further stages.
+    """
     packed = model_fit.fitted.packed
     p, on = packed.p.copy(), packed.on.copy()
-    p[TIME_CONSTANT], on[IS_LATE] = late, True
+    p[TIME_CONSTANT], p[STEEPNESS], on[IS_LATE] = late, steepness, True
     free = [*model_fit.free, varying(TORQUE_LAG, "time_constant", Vary(late, late))]
     return fit_inside_twin(problem, Packed(p, on), free, 2, (*model_fit.effects, TORQUE_LAG.name))
 
