@@ -10,7 +10,12 @@ import numpy as np
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.evidence.evidence import Evidence, recorded_late, without_rounding
+from autotune.diagnosis.evidence.evidence import (
+    Evidence,
+    recorded_late,
+    recorded_otherwise,
+    without_rounding,
+)
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
 from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
@@ -278,8 +283,12 @@ def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
     least = problem.policy.clearly_less * found.fitted.cost
     if told is problem and again.data.lag > 0.0 and model_fit.fitted.cost < least:
         return problem, model_fit
-    heard = told is not problem or again.data.cycles > 0 or again.data.lag > 0.0
-    return with_noise_of(again, found) if evidence.repeats and heard else (again, found)
+    if not evidence.repeats:
+        return again, found
+    if told is not problem or again.data.cycles > 0 or again.data.lag > 0.0:
+        again, found = with_noise_of(again, found)
+    other = recorded_otherwise(again, found)
+    return (again, found) if other is None else with_noise_of(*other)
 
 
 def _recorded_late(problem: Problem) -> Problem | None:

@@ -15,7 +15,7 @@ from autotune.diagnosis.candidates import (
     FittedCandidate,
     error_left,
 )
-from autotune.diagnosis.evidence.evidence import late_anew, without_long_lag
+from autotune.diagnosis.evidence.evidence import late_anew, recorded_otherwise, without_long_lag
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
 from autotune.diagnosis.free_shape import rather_a_spring, without_own_course
 from autotune.diagnosis.refits import (
@@ -61,7 +61,7 @@ def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     true = without_reading_waves(state.problem, best.model_fit)
     if true is not None:
         best = state.moved(true, best)
-    best = _aligned(state, best)
+    best = _recorded_otherwise(state, _aligned(state, best))
     if not state.evidence.repeats:
         best = with_contact(state.problem, state.root, best)
     if state.evidence.repeats and unsettled(state.problem, best):
@@ -215,6 +215,20 @@ def _aligned(state: SearchState, best: FittedCandidate) -> FittedCandidate:
         return moved
     state.problem, state.root, state.tried = before
     return best
+
+
+def _recorded_otherwise(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """The best candidate with its torque recorded in another way, where that leaves clearly less beside it.
+
+    How late the torque acts may be known only since the candidate is: ways are told anew by that.
+    """
+    found = recorded_otherwise(state.problem, best.model_fit) if state.evidence.repeats else None
+    if found is None:
+        return best
+    state.progress("another way of recording")
+    again, settled = found
+    least = best.model_fit.fitted.cost
+    return _kept(state, best, least, lambda: state.moved(again, replace(best, model_fit=settled)))
 
 
 def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:

@@ -10,9 +10,10 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
-from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.evidence.evidence import CYCLES, Evidence
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.refits import needed_share
+from autotune.estimation.alignment import CURRENT_LOOP
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared
@@ -106,6 +107,11 @@ MOVED = (
     "the demand is late so, and so is a row that is read sooner: nothing tells which it is. It is no effect of the "
     "axis beyond doubt, and taken out."
 )
+AT_ITS_END = (
+    "That is as late as a bus and a current loop may make it. The torque may come later still, by a filter or a dead "
+    "time, as these data do not tell its length well: look them up in the drive. Such a lag is an effect, and is not "
+    "ruled out here."
+)
 PROGRAMME = "autotune record AXIS.toml decide --from DIAGNOSIS.json --out FILE"
 """DIAGNOSIS.json is what `diagnose --json` printed; diagnosed are then both recordings."""
 OWN_RECORDER = (
@@ -159,6 +165,8 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
     if data.lag > 2.0 * data.lag_error:
         late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * data.lag)
         notes.append(CURRENT_LOOP_LATE.format(late=late, error=error, hertz=hertz))
+    if data.cycles >= max(CYCLES) and data.lag >= CURRENT_LOOP:
+        notes.append(AT_ITS_END)
     if data.reading is not None:
         period = 2.0 * math.pi / data.reading.wavenumber
         unit = data.metadata.motion_unit

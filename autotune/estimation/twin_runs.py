@@ -70,10 +70,11 @@ def _compared(data: Prepared, law: PositionController, position: Floats, torque:
     """Torques of runs as that of the recording is compared, shape (…, n): what the law asks for along each run.
 
     That is told from what it asks for along the recorded motion by where both differ, so that what lies between the
-    samples is the same for both.
+    samples is the same for both. All of it goes through the current loop that the recorded torque was put behind: what
+    the law asks for acts no sooner than the rest.
     """
     if data.asked is None:
-        return torque
+        return _as_recorded(data, torque)
     late = acted_late(data, law)
     wanted = np.array(np.broadcast_to(moved_later(data, data.asked, late), torque.shape))
     rate = law.filter_rate(data.period)
@@ -81,7 +82,7 @@ def _compared(data: Prepared, law: PositionController, position: Floats, torque:
         apart = position[..., rows] - data.measured[rows]
         answer = mean_answer(apart, data.period, (law.kp, law.kd, law.ki), rate)
         wanted[..., rows] -= later(answer, law.answer_delay + late)
-    return wanted + slower(data, torque - wanted, law.asked)
+    return _as_recorded(data, wanted + slower(data, torque - wanted, law.asked))
 
 
 def acted_late(data: Prepared, law: PositionController) -> int:
@@ -161,16 +162,21 @@ def _run(
             loop=_loop(data, controller, stretch, loops),
         )
         stable &= inside
-    torque = _as_recorded(data, torque)
     return Simulated(position, torque, disturbance, stable and _follows(data, position, _near(data)))
 
 
 def _as_recorded(data: Prepared, torque: Floats) -> Floats:
-    """A twin's demand behind the current loop that the recorded one was put behind; (n,). In torque mode it is that."""
-    late = followed_late(data, torque, data.lag)
-    for stretch in data.stretches:
-        if not stretch.closed:
-            late[stretch.rows] = torque[stretch.rows]
+    """Demands of twins behind the current loop that the recorded one was put behind, shape (…, n).
+
+    In torque mode they are behind it already.
+    """
+    if data.lag <= 0.0:
+        return torque
+    late = np.array(torque)
+    for own, demand in zip(late.reshape(-1, late.shape[-1]), torque.reshape(-1, late.shape[-1]), strict=True):
+        behind = followed_late(data, demand, data.lag)
+        for stretch in (one for one in data.stretches if one.closed):
+            own[stretch.rows] = behind[stretch.rows]
     return late
 
 
@@ -268,8 +274,6 @@ def _runs_in_lanes(
                 for i, ((_, noise), stays) in enumerate(zip(together, inside, strict=False))
             ]
     position[:, before:], torque[:, before:] = 0.0, 0.0
-    if data.lag > 0.0:
-        torque = np.array([_as_recorded(data, one) for one in torque])
     torque = _compared(data, controller, position, torque)
     near = _near(data)
     return [

@@ -11,6 +11,7 @@ import numpy as np
 
 import autotune
 from autotune.models.table import EFFECTS
+from autotune.models.torque_lag import IS_LATE, TIME_CONSTANT
 from bench.worlds import sizes
 from bench.worlds.cases import ANY, LONELY, Case, Ready, Wanted, ready
 from bench.worlds.lone import CHANGES, DISTURBED, TRAJECTORIES, alone, second_file
@@ -68,6 +69,7 @@ def _surroundings(made: Ready) -> Line:
             round(plant.low_size / plant.coulomb, 3),
         ],
         "load": [round(plant.load_inertia, 2), round(plant.load_friction, 2)],
+        "late": lateness(world),
         "planted": [[p.name, p.law, *p.e[:4]] for p in world.planted],
         "waves": [list(wave) for p in world.planted for wave in p.waves],
     }
@@ -96,7 +98,19 @@ def diagnosed(made: Ready) -> Line:
     except Exception as failed:  # noqa: BLE001 a crash of the diagnosis is a result of this bench
         return line | {"verdict": "crash", "why": repr(failed), "cpu": round(time.process_time() - began, 2)}
     line |= {"fit_cpu": round(between - began, 2), "cpu": round(time.process_time() - between, 2)}
-    return line | _found(found, fitted) | _against_truth(made, found)
+    return line | _found(found, fitted) | _against_truth(made, found) | {"late_told": _late_told(found)}
+
+
+def lateness(world: World) -> float:
+    """By how much the torque comes after the demand that asked for it, in the mean [s]: its lag and the current loop.
+
+    Less what this simulation acts early by: half a tick, as a current loop is stepped at the end of one, and as much as
+    two poles (a tick) and a running mean (half of one) begin with.
+    """
+    tick = world.loop.tick
+    early = {1: 0.0, 2: tick, 3: 0.5 * tick}
+    lags = sum(one.e[0] - early[one.law] for one in world.planted if one.name == "torque_lag")
+    return float(lags + world.plant.current_tau - 0.5 * tick)
 
 
 def _of_base(made: Ready) -> list[str]:
@@ -154,6 +168,16 @@ def _against_truth(made: Ready, found: Any) -> Line:
     floor = _floor(made.world, taps / taps.sum())
     known = math.isfinite(found.error_test) and floor > 0.0
     return {"over_truth": round(found.error_test / floor, 4) if known else None, "true_floor": floor}
+
+
+def _late_told(found: Any) -> float | None:
+    """By how much the torque comes late as it was found [s]: what was taken out, and a lag of the model."""
+    problem = found._diagnosis.problem
+    if problem is None or not problem.twin:
+        return None
+    fit, data = found._diagnosis.model_fit or found._diagnosis.root, problem.data
+    own = float(fit.fitted.packed.p[TIME_CONSTANT]) if fit.fitted.packed.on[IS_LATE] else 0.0
+    return float(data.late * data.period + data.lag + own)
 
 
 def _floor(world: World, taps: Floats) -> float:

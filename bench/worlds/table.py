@@ -10,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from autotune.diagnosis.evidence.evidence import CYCLES
+from autotune.estimation.alignment import CURRENT_LOOP
+
 Line = dict[str, Any]
 ALLOWED = {"bouc_wen": {"reversal_memory"}}
 """Names that an alien may be given: it is that, by another law."""
@@ -114,8 +117,34 @@ def table(lines: Sequence[Line], head: str = "") -> str:
             out.append(
                 f"| {kind}: error on unseen data over the true model's | 1.05, 1.3 | {_ratios(kinds[kind])} |"
             )
-    out += [*_speed(lines), "", *_by(lines, "single", "half")]
+    out += [*_lags(lines), *_speed(lines), "", *_by(lines, "single", "half")]
     return "\n".join(out) + "\n"
+
+
+def any_drives(line: Line) -> bool:
+    """Whether all that a torque path is late by is what any drive may have: whole cycles and a current loop."""
+    behind = [line["late"] - count * line["cycle"] for count in (0, *CYCLES)]
+    return any(0.0 <= rest <= CURRENT_LOOP for rest in behind)
+
+
+def _told(line: Line) -> bool:
+    """Whether a lag is among the names, or how late the torque comes was told to within a fifth of it."""
+    told = line.get("late_told")
+    known = told is not None and abs(told - line["late"]) <= 0.2 * line["late"]
+    return "torque_lag" in (line.get("effects") or []) or known
+
+
+def _lags(lines: Sequence[Line]) -> list[str]:
+    """Lags that are longer than any drive's, and those that are not: these are no effect, but their length is told."""
+    rows = [r for r in lines if "torque_lag" in r["truth"] and r.get("late") and r["kind"] != "removed"]
+    usual, long = [r for r in rows if any_drives(r)], [r for r in rows if not any_drives(r)]
+    out = []
+    if long:
+        named = _share(long, lambda r: "torque_lag" in (r.get("effects") or []))
+        out.append(f"| lags longer than any drive's: named | | {named} |")
+    if usual:
+        out.append(f"| lags as any drive's: named, or told to within a fifth | | {_share(usual, _told)} |")
+    return out
 
 
 def _speed(lines: Sequence[Line]) -> list[str]:

@@ -12,12 +12,15 @@ import autotune
 from bench.worlds import cases, names, planting
 from bench.worlds.draw import draw_world, with_base
 from bench.worlds.hysteresis import rub
+from bench.worlds.judge import lateness
 from bench.worlds.laws import faded, pulled
 from bench.worlds.lone import changed
-from bench.worlds.names import EFFECTS, LAWS, RIPPLE, SPRING, STRIBECK
+from bench.worlds.loop import LAG_TICKS, late
+from bench.worlds.names import EFFECTS, LAG, LAWS, RIPPLE, SPRING, STRIBECK
 from bench.worlds.plant import STATES, rigid
 from bench.worlds.play import recording, run
 from bench.worlds.programme import Programme, programme, scale_of
+from bench.worlds.table import table
 from bench.worlds.world import Planted, World
 
 STEP = 15e-6
@@ -154,6 +157,29 @@ def test_cases_and_recordings_are_the_same_for_a_seed(tmp_path) -> None:  # type
     assert np.array_equal(one["torque"], two["torque"])
     autotune.write_recording(one, tmp_path / "world.parquet")
     assert np.array_equal(autotune.read_recording(tmp_path / "world.parquet")["position"], one["position"])
+
+
+@pytest.mark.parametrize("law", [1, 2, 3], ids=["a delay", "two poles", "a running mean"])
+def test_a_torque_is_as_late_as_is_said(law: int) -> None:
+    """By what its lag and the current loop make of a demand that goes on growing."""
+    world = quiet()
+    tick, size = world.loop.tick, 2.3e-3
+    lagging = replace(world, planted=(Planted(LAG, law, (size,)),))
+    ring, shape = np.zeros(LAG_TICKS + 2), np.array([size])
+    acted = [late(law, shape, ring, k, tick, k * tick) for k in range(LAG_TICKS)]
+    behind = (LAG_TICKS - 1) * tick - acted[-1]
+    assert lateness(lagging) - lateness(world) == pytest.approx(behind, abs=0.05 * tick)
+
+
+def test_lags_as_any_drive_has_them_are_counted_by_their_length() -> None:
+    line = {"kind": "single", "truth": ["torque_lag"], "cycle": 1e-3, "effects": []}
+    told, not_told = {**line, "late": 1.3e-3, "late_told": 1.25e-3}, {**line, "late": 3e-4, "late_told": None}
+    long = {**line, "late": 1.7e-3, "late_told": 1.7e-3}
+    usual, longer = (
+        next(r for r in table([told, not_told, long]).splitlines() if w in r) for w in ("as any", "longer")
+    )
+    assert "1 of 2" in usual
+    assert "0 of 1" in longer, "a length that is told is no name"
 
 
 def test_programme_stays_inside_travel_and_speed() -> None:

@@ -20,6 +20,7 @@ from autotune.diagnosis.evidence.evidence import (
     cycles_in_place,
     lag_in_loop,
     late_anew,
+    recorded_otherwise,
     without_long_lag,
 )
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
@@ -42,7 +43,7 @@ from autotune.estimation.disturbance_estimate import (
     estimate_disturbance,
 )
 from autotune.estimation.least_squares import Fitted, Free
-from autotune.estimation.problem import Correction, Problem, refit
+from autotune.estimation.problem import Correction, Problem, Told, refit
 from autotune.estimation.residual import Simulated, measured_motion
 from autotune.estimation.twin_runs import acted_late, run_twin, run_twins, shaken
 from autotune.models import layout
@@ -166,6 +167,42 @@ def test_whole_cycles_behind_a_drive_s_loop_are_no_lag(begun: Begun) -> None:
     fitted = refit(again, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 4)
     settled = RepeatedProgramme().aligned(again, replace(model_fit, fitted=fitted))
     assert (settled.data.cycles, settled.data.shift) == (1, -2.0)
+
+
+@pytest.mark.parametrize(
+    ("least", "lag", "taken"),
+    [(("moment", 1), 2e-4, True), (("moment", 0), 1.3e-3, False), (("next", 1), 2e-4, False)],
+    ids=["a cycle and a current loop", "a lag", "as it was told"],
+)
+def test_how_a_torque_was_recorded_is_told_again_once_it_is_known_to_be_late(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, least: tuple[str, int], lag: float, taken: bool
+) -> None:
+    """It was told by twins that act at once: a cycle later another way may leave clearly less."""
+    problem, model_fit = _spoilt(begun, begun[0].data, exact=False)
+    law = replace(problem.controller, ticks=4)
+    laws = law, replace(law, taken="moment")
+    moved = shifted(problem.data, -2.0)
+    late = replace(problem, controller=law, told=Told(problem.data, laws), data=replace(moved, cycles=1))
+    assert recorded_otherwise(replace(late, data=problem.data), model_fit) is None, "no cycle was found"
+
+    def fitted(problem: Problem, model_fit: ModelFit, late: float, steepness: float) -> ModelFit:
+        assert problem.controller is not None
+        best = (problem.controller.taken, problem.data.cycles) == least and steepness == 0.0
+        lags = _lagging((problem, model_fit), lag if best else 0.0, ("torque_lag",))
+        cost = (0.5 if best else 2.0) * model_fit.fitted.cost
+        return replace(lags, fitted=replace(lags.fitted, cost=cost))
+
+    monkeypatch.setattr(measured, "_behind_lag", fitted)
+    monkeypatch.setattr(measured, "_is_long", lambda _, one: one.fitted.packed.p[TIME_CONSTANT] > 4.5e-4)
+    found = recorded_otherwise(late, model_fit)
+    assert (found is not None) == taken
+    if found is None:
+        return
+    again, settled = found
+    assert again.controller is not None
+    assert again.controller.taken == "moment"
+    assert not settled.fitted.packed.on[IS_LATE]
+    assert (again.data.cycles, again.data.lag) == (1, lag)
 
 
 def test_a_delay_with_which_the_loop_would_be_unstable_is_none_of_the_axis(

@@ -103,3 +103,11 @@ def test_how_late_the_torque_acts_is_said_as_far_as_it_is_told(
     notes = torque_path_notes(data, PositionController(ticks=ticks))
     assert len(notes) == bool(said)
     assert all(said in note and "taken out" in note for note in notes)
+
+
+@pytest.mark.parametrize(("cycles", "lag", "asks"), [(3, 4.5e-4, True), (3, 2e-4, False), (2, 4.5e-4, False)])
+def test_a_chain_that_ends_at_its_limits_rules_out_no_lag(cycles: int, lag: float, asks: bool) -> None:
+    """Three cycles and the slowest ordinary current loop: what was later was cut off."""
+    path = {"cycles": cycles, "late": float(cycles), "upsampling": 1, "period": 1e-3, "lag": lag}
+    notes = torque_path_notes(SimpleNamespace(**path, lag_error=7e-4, reading=None))
+    assert any("not ruled out" in " ".join(note.split()) for note in notes) == asks

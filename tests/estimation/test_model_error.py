@@ -7,7 +7,7 @@ import pytest
 
 from autotune.core.arrays import Floats
 from autotune.estimation import model_error as model_error_module
-from autotune.estimation.alignment import CURRENT_LOOP, shifted
+from autotune.estimation.alignment import CURRENT_LOOP, followed_late, shifted
 from autotune.estimation.controller import as_recorded
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared, filtered_motion, prepare
@@ -15,10 +15,11 @@ from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.model_error import PlainFit, model_error, plain_fit, told_beside, told_by_twin
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem, Told, led
-from autotune.estimation.residual import smoothed
+from autotune.estimation.residual import Simulated, smoothed
 from autotune.estimation.twin_runs import run_twin, run_twins, slower
 from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
-from autotune.models.drive_model import base_model
+from autotune.models.drive_model import Packed, base_model
+from autotune.models.torque_lag import IS_LATE, TIME_CONSTANT
 from autotune.recordings.recording import Metadata, Recording
 from tests.estimation.simulated import AXIS, PERIOD, TRUE, recorded
 
@@ -162,6 +163,23 @@ def test_a_twins_torque_is_what_its_law_asks_for_too() -> None:
     assert taken.asked is not None
     quick = again.torque - taken.asked
     assert np.std(smoothed(taken, quick - slower(taken, quick, 5.0))) < 1e-2 * np.std(taken.asked)
+
+
+@pytest.mark.parametrize("lanes", [1, 2], ids=["alone", "in a pass"])
+def test_what_a_law_asks_for_is_behind_the_current_loop_too(lanes: int) -> None:
+    """An axis behind a lag that was taken out is one that has it; all that its twin records is behind it."""
+    data, _ = _read_at_a_moment(6e-3)
+    law, model, lag = replace(LAW, ticks=6, asked=1.0), base_model(AXIS).pack(), 3e-4
+    prompt, still = as_recorded(data, law), np.zeros(len(data.time))
+    p, on = model.p.copy(), model.on.copy()
+    p[TIME_CONSTANT], on[IS_LATE] = lag, True
+
+    def run(taken: Prepared, packed: Packed) -> Simulated:
+        return run_twins(taken, [packed] * lanes, law, [(still, still)] * lanes)[0]
+
+    own, taken_out = run(prompt, Packed(p, on)), run(replace(prompt, lag=lag), model)
+    assert taken_out.position == pytest.approx(own.position, abs=1e-12)
+    assert taken_out.torque == pytest.approx(followed_late(prompt, own.torque, lag), abs=1e-12)
 
 
 def test_without_a_law_a_fit_is_led_by_the_torque_alone() -> None:

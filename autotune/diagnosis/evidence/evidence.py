@@ -55,6 +55,8 @@ early is room for a slower current loop than `BESIDE`."""
 FILTERED = 2e-3
 """s, by which a torque may be recorded later still, by the filter of its reading. No axis answers before it is asked:
 no effect has this sign."""
+AS_A_WHOLE = STAGES / (STAGES + 1.0)
+"""Steepness of a lag all of whose stages are alike."""
 SETTLED = 4
 """Steps of a fit after torque and motion were moved."""
 WORTH_ALIGNING = 0.998
@@ -382,6 +384,70 @@ def cycles_in_place(problem: Problem, lags: ModelFit) -> list[tuple[Problem, Mod
     return found
 
 
+def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
+    """Problem and model with the torque recorded in another way, where that leaves clearly less in the twin.
+
+    How a drive's torque was recorded is told by twins that act at once, moved by an ordinary current loop's lag at
+    most; what is later is found behind that. A reading half a sample sooner or later makes up for a part of what is
+    late. So where it turned out later, each way is fitted as late as it comes to be, the twin's loop with it: whole
+    cycles, and an ordinary lag behind them. Beside them stands a lag of several stages, as a running mean bends so.
+
+    None where nothing was that late, where no other way leaves clearly less, or a longer lag does: it is an effect
+    (`lag_in_loop`).
+    """
+    data, law, packed = problem.data, problem.controller, model_fit.fitted.packed
+    known = data.cycles == 0 and data.period * data.late <= CURRENT_LOOP
+    if (
+        law is None
+        or known
+        or not _loops_between(problem)
+        or packed.on[IS_LATE]
+        or problem.two_masses(packed)
+    ):
+        return None
+    trials = [
+        (again, fit)
+        for way, late in _ways_of_recording(problem)
+        for again, steep in [*((one, 0.0) for one in _cycles_near(way, late)), (way, AS_A_WHOLE)]
+        if (fit := _behind_lag(again, model_fit, max(late - _cycles_of(again.data), FINE_SHIFT), steep))
+    ]
+    usual = [one for one in trials if not _is_long(*one)]
+    least = min((one[1].fitted.cost for one in trials), default=np.inf)
+    again, fit = min(usual, key=lambda one: one[1].fitted.cost, default=(problem, model_fit))
+    other = again.controller is not None and again.controller.taken != law.taken
+    if not other or least < CLEARLY_LESS * fit.fitted.cost:
+        return None
+    return _taken_out(again, fit) if fit.fitted.cost < CLEARLY_LESS * model_fit.fitted.cost else None
+
+
+def _taken_out(problem: Problem, lags: ModelFit) -> tuple[Problem, ModelFit] | None:
+    """Problem and model with the model's lag, as of a current loop, taken out of the torque."""
+    p, on = lags.fitted.packed.p.copy(), lags.fitted.packed.on.copy()
+    lag, error = float(p[TIME_CONSTANT]), float(standard_errors(lags.fitted, problem.training)[-1])
+    p[TIME_CONSTANT], on[IS_LATE] = 0.0, False
+    data = replace(behind_current_loop(problem.data, min(lag, CURRENT_LOOP)), lag_error=error)
+    there, free = _with(problem, data), [one for one in lags.free if one.slot != TIME_CONSTANT]
+    effects = tuple(effect for effect in lags.effects if effect != TORQUE_LAG.name)
+    fit = fit_inside_twin(there, Packed(p, on), free, 2, effects)
+    return None if fit is None else (there, fit)
+
+
+def _cycles_near(problem: Problem, late: float) -> list[Problem]:
+    """The problem with its torque so many whole cycles later as come next to a lag [s], none among them."""
+    data = problem.data
+    whole = int(late / (data.upsampling * data.period))
+    found = []
+    for count in sorted({whole - 1, whole, whole + 1} & {0, *CYCLES}):
+        later = replace(shifted(data, data.shift - 2.0 * data.upsampling * count), cycles=count)
+        found.append(_with(problem, later) if count > 0 else problem)
+    return found
+
+
+def _cycles_of(data: Prepared) -> float:
+    """Whole cycles that were taken out [s]."""
+    return data.upsampling * data.period * data.cycles
+
+
 def _ways_of_recording(problem: Problem) -> list[tuple[Problem, float]]:
     """The problem with its torque acting at once, in each way in which it may have been recorded, and the lag [s] that
     is expected there, by how late the torque is as it is now."""
@@ -421,11 +487,16 @@ def recorded_late(problem: Problem) -> Problem | None:
     return _with(replace(problem, controller=replace(law.sooner(), why="")), a_row_sooner(problem.data))
 
 
-def _behind_lag(problem: Problem, model_fit: ModelFit, late: float) -> ModelFit | None:
-    """The model with a lag, fitted inside the twin from so long a one [s]; None where the twin is unstable."""
+def _behind_lag(
+    problem: Problem, model_fit: ModelFit, late: float, steepness: float = 0.0
+) -> ModelFit | None:
+    """The model with a lag, fitted inside the twin from so long a one [s]; None where the twin is unstable.
+
+    `steepness`: share of it in further stages.
+    """
     packed = model_fit.fitted.packed
     p, on = packed.p.copy(), packed.on.copy()
-    p[TIME_CONSTANT], on[IS_LATE] = late, True
+    p[TIME_CONSTANT], p[STEEPNESS], on[IS_LATE] = late, steepness, True
     free = [*model_fit.free, varying(TORQUE_LAG, "time_constant", Vary(late, late))]
     return fit_inside_twin(problem, Packed(p, on), free, 2, (*model_fit.effects, TORQUE_LAG.name))
 
