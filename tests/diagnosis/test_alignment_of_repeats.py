@@ -140,6 +140,10 @@ def test_a_lag_is_told_where_another_way_of_recording_made_up_for_it(lag: float,
         assert found[1].fitted.packed.p[TIME_CONSTANT] == pytest.approx(lag, abs=1.5e-4)
         assert found[1].fitted.cost < 0.98 * settled.fitted.cost
         assert lag_in_loop(*found) is None, "a model that has a lag keeps it"
+        others = tuple(kind for kind in moved.candidates if kind.name != "torque_lag")
+        assert lag_in_loop(replace(moved, candidates=others), settled) is None, (
+            "no name that was not asked about"
+        )
 
 
 def test_a_reading_behind_a_filter_is_taken_out(begun: Begun) -> None:

@@ -335,10 +335,12 @@ def lag_in_loop(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFi
     lag of its loop: rows delay no loop, and a filter of the velocity delays no stiffness.
 
     None where nothing could be as late in any way, where none with a lag that is longer than a current loop's leaves
-    clearly less than the model as it is and each way behind an ordinary one, or between two masses.
+    clearly less than the model as it is and each way behind an ordinary one, between two masses, or where a lag is
+    not among the effects that are asked about.
     """
     packed = model_fit.fitted.packed
-    if not problem.twin or packed.on[IS_LATE] or problem.two_masses(packed):
+    sought = TORQUE_LAG in problem.candidates
+    if not (problem.twin and sought) or packed.on[IS_LATE] or problem.two_masses(packed):
         return None
     ways = _ways_of_recording(problem)
     least, found = CLEARLY_LESS * model_fit.fitted.cost, None
