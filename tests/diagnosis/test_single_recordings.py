@@ -29,10 +29,12 @@ from autotune.diagnosis.screening import rows_back, screen
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import beyond_presliding, goes_with_place
 from autotune.estimation.data import prepare
 from autotune.estimation.least_squares import Free, with_values
 from autotune.estimation.policy import POLICY
+from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.models.table import EFFECTS
@@ -225,6 +227,25 @@ def test_two_files_that_do_not_tell_rivals_apart_confirm_neither() -> None:
     assert any("in its place does nearly as well" in note for note in found.notes)
 
 
+def _with_a_weight(
+    load: Callable[[np.ndarray], np.ndarray], size: float, noise: float
+) -> tuple[Problem, ModelFit, ModelFit, ModelFit]:
+    """An axis under a load by its place [N m], its motion of some `size` [rad]; noise [N m].
+
+    Its problem with a model that has a weight, that as root, without the weight, and with the weight as what was found.
+    """
+    time = np.arange(0.0, 20.0, PERIOD)
+    q = size * (1.5 * np.sin(2 * np.pi * 0.31 * time) + 0.8 * np.sin(2 * np.pi * 0.73 * time + 1.0))
+    torque = _torque(q) + load(q) + np.random.default_rng(5).normal(0.0, noise, len(q))
+    recording = _with(_recording(), position=np.round(q / COUNT) * COUNT, torque=torque)
+    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
+    plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
+    model = plain.with_effect(EFFECTS["gravity_imbalance"].make({"sin": 0.03, "cos": 0.0}))
+    problem, root, _, _ = begin(prepared_for([recording]), model)
+    bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
+    return problem, root, bare, replace(root, effects=("gravity_imbalance",))
+
+
 @pytest.mark.parametrize(
     ("sine", "spring", "hardening", "second", "size", "any_will_do", "parabola"),
     [
@@ -247,17 +268,9 @@ def test_an_imbalance_over_little_travel_is_a_sine_or_none(
     """A spring comes near to a sine over a quarter of a turn, and a parabola to both; over two turns a lever may
     change.
     """
-    time = np.arange(0.0, 20.0, PERIOD)
-    q = size * (1.5 * np.sin(2 * np.pi * 0.31 * time) + 0.8 * np.sin(2 * np.pi * 0.73 * time + 1.0))
-    load = sine * np.sin(q) + second * np.sin(2 * q) + spring * q + hardening * q**3
-    torque = _torque(q) + load + np.random.default_rng(5).normal(0.0, 2e-3, len(q))
-    recording = _with(_recording(), position=np.round(q / COUNT) * COUNT, torque=torque)
-    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
-    plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
-    model = plain.with_effect(EFFECTS["gravity_imbalance"].make({"sin": 0.03, "cos": 0.0}))
-    problem, root, _, _ = begin(prepared_for([recording]), model)
-    found = replace(root, effects=("gravity_imbalance",))
-    bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
+    problem, root, bare, found = _with_a_weight(
+        lambda q: sine * np.sin(q) + second * np.sin(2 * q) + spring * q + hardening * q**3, size, 2e-3
+    )
     assert any_course(problem, bare, found) is any_will_do
     assert not any_course(problem, bare, root)
     assert like_a_spring(problem, bare, found, POLICY.alike_single) is parabola
@@ -277,16 +290,7 @@ def test_of_a_wave_and_a_spring_that_bends_the_nearer_one_is_told(
     load: Callable[[np.ndarray], np.ndarray], size: float, spring: bool
 ) -> None:
     """Within three quarters of a turn, by as many coefficients each."""
-    time = np.arange(0.0, 20.0, PERIOD)
-    q = size * (1.5 * np.sin(2 * np.pi * 0.31 * time) + 0.8 * np.sin(2 * np.pi * 0.73 * time + 1.0))
-    torque = _torque(q) + load(q) + np.random.default_rng(5).normal(0.0, 5e-4, len(q))
-    recording = _with(_recording(), position=np.round(q / COUNT) * COUNT, torque=torque)
-    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
-    plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
-    model = plain.with_effect(EFFECTS["gravity_imbalance"].make({"sin": 0.03, "cos": 0.0}))
-    problem, root, _, _ = begin(prepared_for([recording]), model)
-    found = replace(root, effects=("gravity_imbalance",))
-    bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
+    problem, _, bare, found = _with_a_weight(load, size, 5e-4)
     assert rather_a_spring(problem, bare, found) is spring
 
 
