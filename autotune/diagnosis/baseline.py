@@ -21,7 +21,7 @@ from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
-from autotune.diagnosis.wording import left_out_note
+from autotune.diagnosis.wording import left_out_note, unexplained
 from autotune.estimation.alignment import CURRENT_LOOP, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
@@ -386,9 +386,7 @@ def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> tuple[str, ...]:
     Raises:
         NotEnoughExcitation: the model leaves nearly all of the torque, and the place does not explain it either.
     """
-    rows = problem.training > 0
-    torque = smoothed(problem.data, problem.data.torque)[rows]
-    share = float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
+    share = unexplained(problem, model_fit)
     if share <= problem.policy.misfit:
         return ()
     context = Context(problem, model_fit.fitted, model_fit.fitted.packed)

@@ -37,6 +37,7 @@ from autotune.diagnosis.wording import (
     SUSPECTED,
     UNKNOWN,
     separating_experiment,
+    unexplained,
 )
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -44,7 +45,6 @@ from autotune.estimation.data import TRAINING, VETO, Prepared
 from autotune.estimation.least_squares import standard_errors
 from autotune.estimation.pieces import UNFITTED
 from autotune.estimation.problem import Problem
-from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import Packed, surface_parameter
 from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording
@@ -365,10 +365,3 @@ def _base(problem: Problem, model_fit: ModelFit) -> dict[str, tuple[float, float
     errors, packed = standard_errors(model_fit.fitted, problem.training), model_fit.fitted.packed
     pairs = zip(model_fit.free, errors, strict=True)
     return {one.name: (float(packed.p[one.slot]), float(error)) for one, error in pairs if one.name in BASE}
-
-
-def unexplained(problem: Problem, model_fit: ModelFit) -> float:
-    """Share of the torque's variance that a model leaves on the rows that count."""
-    rows = problem.training > 0
-    torque = smoothed(problem.data, problem.data.torque)[rows]
-    return float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)

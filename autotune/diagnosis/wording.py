@@ -19,6 +19,7 @@ from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
+from autotune.estimation.residual import smoothed
 from autotune.models.table import EFFECTS, looking_alike, usual_rivals
 
 NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
@@ -250,6 +251,13 @@ def rms_unexplained(problem: Problem, root: ModelFit, rows: Flags | None = None)
     rows = problem.training > 0 if rows is None else rows
     torque = problem.data.torque[problem.data.grid[rows]]
     return float(np.std(root.fitted.error[rows])) / max(float(np.std(torque)), 1e-300)
+
+
+def unexplained(problem: Problem, model_fit: ModelFit) -> float:
+    """Share of the torque's variance that a model leaves on the rows that count."""
+    rows = problem.training > 0
+    torque = smoothed(problem.data, problem.data.torque)[rows]
+    return float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
 
 
 def left_out_note(problem: Problem, root: ModelFit) -> tuple[str, ...]:

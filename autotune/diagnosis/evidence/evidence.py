@@ -367,18 +367,14 @@ def cycles_in_place(problem: Problem, lags: ModelFit) -> list[tuple[Problem, Mod
     data, packed = problem.data, lags.fitted.packed
     cycle = data.upsampling * data.period
     late = cycle * data.cycles + data.lag + float(packed.p[TIME_CONSTANT])
-    p, on = packed.p.copy(), packed.on.copy()
-    p[[TIME_CONSTANT, STEEPNESS]], on[IS_LATE] = 0.0, False
-    free = [one for one in lags.free if one.slot not in (TIME_CONSTANT, STEEPNESS)]
-    effects = tuple(effect for effect in lags.effects if effect != TORQUE_LAG.name)
     found = []
     for count in {int(late / cycle), round(late / cycle)} & set(CYCLES):
         rest, more = max(late - count * cycle, 0.0), count - data.cycles
         if rest > CURRENT_LOOP or more <= 0:
             continue
-        later = replace(shifted(data, data.shift - 2.0 * data.upsampling * more), cycles=count)
+        later = _acting_later(data, data.upsampling * more, count)
         again = _with(_later_by(problem, more), behind_current_loop(later, rest))
-        fit = fit_inside_twin(again, Packed(p, on), free, 2, effects)
+        fit = _fit_without_lag(again, lags)
         if fit is not None:
             left = _left(again, fit, again.data)
             error = _error_of_lag(again, fit, _Late(again.data, left, _cost(again, left)))
@@ -424,14 +420,22 @@ def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, 
 
 def _taken_out(problem: Problem, lags: ModelFit) -> tuple[Problem, ModelFit] | None:
     """Problem and model with the model's lag, as of a current loop, taken out of the torque."""
-    p, on = lags.fitted.packed.p.copy(), lags.fitted.packed.on.copy()
-    lag, error = float(p[TIME_CONSTANT]), float(standard_errors(lags.fitted, problem.training)[-1])
-    p[TIME_CONSTANT], on[IS_LATE] = 0.0, False
-    data = replace(behind_current_loop(problem.data, min(lag, CURRENT_LOOP)), lag_error=error)
-    there, free = _with(problem, data), [one for one in lags.free if one.slot != TIME_CONSTANT]
-    effects = tuple(effect for effect in lags.effects if effect != TORQUE_LAG.name)
-    fit = fit_inside_twin(there, Packed(p, on), free, 2, effects)
+    lag = float(lags.fitted.packed.p[TIME_CONSTANT])
+    error = float(standard_errors(lags.fitted, problem.training)[-1])
+    there = _with(
+        problem, replace(behind_current_loop(problem.data, min(lag, CURRENT_LOOP)), lag_error=error)
+    )
+    fit = _fit_without_lag(there, lags)
     return None if fit is None else (there, fit)
+
+
+def _fit_without_lag(problem: Problem, lags: ModelFit) -> ModelFit | None:
+    """The model without its lag, fitted inside the twin; None where that is unstable."""
+    p, on = lags.fitted.packed.p.copy(), lags.fitted.packed.on.copy()
+    p[[TIME_CONSTANT, STEEPNESS]], on[IS_LATE] = 0.0, False
+    free = [one for one in lags.free if one.slot not in (TIME_CONSTANT, STEEPNESS)]
+    effects = tuple(effect for effect in lags.effects if effect != TORQUE_LAG.name)
+    return fit_inside_twin(problem, Packed(p, on), free, 2, effects)
 
 
 def _cycles_near(problem: Problem, late: float) -> list[Problem]:
@@ -440,9 +444,14 @@ def _cycles_near(problem: Problem, late: float) -> list[Problem]:
     whole = int(late / (data.upsampling * data.period))
     found = []
     for count in sorted({whole - 1, whole, whole + 1} & {0, *CYCLES}):
-        later = replace(shifted(data, data.shift - 2.0 * data.upsampling * count), cycles=count)
+        later = _acting_later(data, data.upsampling * count, count)
         found.append(_with(problem, later) if count > 0 else problem)
     return found
+
+
+def _acting_later(data: Prepared, rows: float, cycles: int) -> Prepared:
+    """The data with their torque acting so many rows later, and whole cycles taken out by that."""
+    return replace(shifted(data, data.shift - 2.0 * rows), cycles=cycles)
 
 
 def _cycles_of(data: Prepared) -> float:
@@ -695,8 +704,7 @@ def _late_by(problem: Problem, model_fit: ModelFit, cycles: int, stages: int = 1
     """The best lag behind so many cycles, of so many stages."""
     data = problem.data
     already = data.late if _loops_between(problem) else data.upsampling * data.cycles
-    later = data.upsampling * cycles - already
-    prompt = replace(shifted(data, data.shift - 2.0 * later), cycles=cycles)
+    prompt = _acting_later(data, data.upsampling * cycles - already, cycles)
 
     def late(lag: float) -> _Late:
         moved = behind_current_loop(prompt, lag, stages)
