@@ -22,13 +22,12 @@ from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.diagnosis import fitting
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.compare import compare as compare_model
-from autotune.diagnosis.compare import regime_rows
+from autotune.diagnosis.compare import regime_rows, simulate_closed_loop
 from autotune.diagnosis.fit_recordings import fit_recordings
 from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.verdict import diagnose as diagnose_model
 from autotune.estimation.coordinates import coordinates
 from autotune.estimation.residual import smoothed
-from autotune.identify.residuals import simulate_closed_loop
 from autotune.models.drive_model import DriveModel, HistoryEntry
 from autotune.models.model_file import read_model
 from autotune.models.table import effect_kind

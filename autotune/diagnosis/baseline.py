@@ -10,13 +10,9 @@ import numpy as np
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.evidence.evidence import (
-    Evidence,
-    recorded_late,
-    recorded_otherwise,
-    without_rounding,
-)
+from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
+from autotune.diagnosis.evidence.torque_path import recorded_late, recorded_otherwise, without_rounding
 from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES

@@ -16,8 +16,9 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.diagnosis.candidates import no_progress
-from autotune.diagnosis.compare import Compared, compare, unseen_error
-from autotune.diagnosis.evidence.evidence import MOST_UNEXPLAINED, SURE
+from autotune.diagnosis.compare import Compared, compare, simulate_closed_loop, torque_residual, unseen_error
+from autotune.diagnosis.evidence.evidence import MOST_UNEXPLAINED
+from autotune.diagnosis.evidence.torque_path import SURE
 from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.fitting import fit_model, loose
 from autotune.estimation.model_error import CLEARLY_LESS
@@ -26,7 +27,6 @@ from autotune.identify.dahl import Complexity, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity, judge_model
 from autotune.identify.first_guess import NoDryFriction, OneDirection
 from autotune.identify.fit import HOLDS, STARTS, fit, joined
-from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.identify.run import EXPERIMENTS, identify_run
 from autotune.models.drive_model import DriveModel
 from autotune.models.table import effect_kind

@@ -11,10 +11,9 @@ import numpy as np
 
 from autotune.core.documents import finite
 from autotune.core.tables import frame, html_table
-from autotune.diagnosis.compare import UnseenError
+from autotune.diagnosis.compare import ClosedLoop, UnseenError
 from autotune.identify.dahl import Complexity
 from autotune.identify.estimate import Estimate
-from autotune.identify.residuals import ClosedLoop
 from autotune.identify.run import Identification
 from autotune.identify.steady_state import SteadyState
 from autotune.models.as_json import parameters_json

@@ -30,12 +30,8 @@ from autotune.diagnosis.contact_laws import EFFECT as MEMORY
 from autotune.diagnosis.contact_laws import (
     of_many,
 )
-from autotune.diagnosis.evidence.evidence import (
-    Evidence,
-    lag_in_loop,
-    late_anew,
-    without_long_lag,
-)
+from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.evidence.torque_path import lag_in_loop, late_anew, without_long_lag
 from autotune.diagnosis.free_shape import with_free_shape
 from autotune.diagnosis.refits import (
     RIVAL_COST,

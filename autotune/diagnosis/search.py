@@ -29,7 +29,7 @@ from autotune.diagnosis.contact_laws import (
     without_memory,
 )
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.evidence.evidence import cycles_in_place, lag_in_loop
+from autotune.diagnosis.evidence.torque_path import cycles_in_place, lag_in_loop
 from autotune.diagnosis.free_shape import like_a_motor
 from autotune.diagnosis.refits import (
     REFINED,

@@ -15,8 +15,8 @@ from autotune.diagnosis.candidates import (
     FittedCandidate,
     error_left,
 )
-from autotune.diagnosis.evidence.evidence import late_anew, recorded_otherwise, without_long_lag
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
+from autotune.diagnosis.evidence.torque_path import late_anew, recorded_otherwise, without_long_lag
 from autotune.diagnosis.free_shape import rather_a_spring, without_own_course
 from autotune.diagnosis.refits import (
     REFINED,

@@ -10,8 +10,9 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
-from autotune.diagnosis.evidence.evidence import CYCLES, Evidence
+from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import TimeLine
+from autotune.diagnosis.evidence.torque_path import CYCLES
 from autotune.diagnosis.refits import needed_share
 from autotune.estimation.alignment import CURRENT_LOOP
 from autotune.estimation.bias_corrected_fit import ModelFit

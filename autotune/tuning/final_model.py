@@ -13,7 +13,7 @@ import numpy as np
 
 from autotune.core.axis import Benchmark
 from autotune.core.errors import AutotuneError
-from autotune.identify.residuals import simulate_closed_loop
+from autotune.diagnosis.compare import simulate_closed_loop
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
 from autotune.recordings.files import read_recording

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from autotune.diagnosis.evidence.evidence import CYCLES
+from autotune.diagnosis.evidence.torque_path import CYCLES
 from autotune.estimation.alignment import CURRENT_LOOP
 
 Line = dict[str, Any]

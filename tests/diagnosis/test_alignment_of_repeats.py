@@ -15,16 +15,16 @@ from autotune.diagnosis import baseline
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
 from autotune.diagnosis.evidence import evidence as measured
-from autotune.diagnosis.evidence.evidence import (
-    Evidence,
+from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.evidence.repeated import RepeatedProgramme
+from autotune.diagnosis.evidence.single import SingleRecording
+from autotune.diagnosis.evidence.torque_path import (
     cycles_in_place,
     lag_in_loop,
     late_anew,
     recorded_otherwise,
     without_long_lag,
 )
-from autotune.diagnosis.evidence.repeated import RepeatedProgramme
-from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.rounds import SearchState
 from autotune.diagnosis.search import _cycles_do, _lags_after_all, _without_chains_lag
@@ -231,7 +231,7 @@ def test_a_delay_with_which_the_loop_would_be_unstable_is_none_of_the_axis(
 def test_a_running_mean_is_not_taken_for_whole_cycles(begun: Begun, monkeypatch: pytest.MonkeyPatch) -> None:
     """It bends the torque as several stages do; cycles that were taken out before that was seen come back."""
     monkeypatch.setattr(
-        "autotune.diagnosis.evidence.evidence.CLEARLY_LESS", 0.993
+        "autotune.diagnosis.evidence.torque_path.CLEARLY_LESS", 0.993
     )  # much of this rest is noise
     data = begun[0].data
     for _ in range(STAGES):

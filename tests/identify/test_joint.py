@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation, RecordingError
+from autotune.diagnosis.compare import simulate_closed_loop, torque_residual
 from autotune.estimation import joint_fit
 from autotune.estimation.controller import controller_of, is_closed
 from autotune.estimation.joint_fit import free_by_name
@@ -14,7 +15,6 @@ from autotune.identify.first_guess import refuse_two_axes
 from autotune.identify.fit import fit, joined, thinned
 from autotune.identify.high_speed import identify_high_speed
 from autotune.identify.refinement import refine_recording
-from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording, concatenate
 from autotune.signals.normal_equations import Normal, Part, assemble, whitener

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from autotune.diagnosis.compare import simulate_closed_loop
 from autotune.estimation.controller import controller_of
 from autotune.identify.fit import fit
-from autotune.identify.residuals import simulate_closed_loop
 from autotune.identify.steady_state import identify_steady_state
 from autotune.recordings.importing.importing import import_files
 from autotune.recordings.importing.options import Options

@@ -16,8 +16,9 @@ from autotune.diagnosis.candidates import (
     explained_of_rest,
     gain_on_veto,
 )
-from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult, without_chain
+from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.single import folds_of, halves_unseen
+from autotune.diagnosis.evidence.torque_path import without_chain
 from autotune.diagnosis.evidence.visibility import (
     flank_in_sight,
     lag_turns_ringing,

@@ -20,13 +20,8 @@ import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
-from autotune.diagnosis.evidence.evidence import (
-    WORTH_ALIGNING,
-    Effort,
-    Evidence,
-    HoldoutResult,
-    without_chain,
-)
+from autotune.diagnosis.evidence.evidence import Effort, Evidence, HoldoutResult
+from autotune.diagnosis.evidence.torque_path import WORTH_ALIGNING, without_chain
 from autotune.diagnosis.evidence.visibility import highest_frequency, loop_like, resolved_frequency, visible
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
