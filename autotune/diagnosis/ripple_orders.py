@@ -8,7 +8,7 @@ balls of a screw, belts and bearings have no whole numbers; a motor's poles have
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -45,6 +45,10 @@ MOST_ORDERS = 3000
 MOST_VALUES = 8e6
 """Of all columns that are kept at a time."""
 PIECE = 128
+SWEEPS, FINE_EXCHANGE = 3, 1e-3
+"""Times that all lines are looked for anew, and by what part one must leave less then, so that it comes to an end."""
+TONES = 257
+"""Frequencies at which the response of the low-pass is told."""
 REFINED, STEPS = 9, 3
 WITHIN = 2.0
 """Standard errors, rows counted as correlated, and a share of the resolution: a whole number so near is meant."""
@@ -113,7 +117,72 @@ def find_orders(
             break
         far &= np.abs(orders - order) > SAME * tells
         gains = np.where(far, beside, 0.0)
-    return found
+    return _in_turn(_Raster(waves, orders, table, basis, error, tells), found, present, contrast)
+
+
+@dataclass(frozen=True, slots=True)
+class _Raster:
+    """All orders that are tried, their waves, and what is left without them beside a basis.
+
+    Attributes:
+        tells: difference of orders that the travel can tell apart.
+    """
+
+    waves: _Waves
+    orders: Floats
+    table: NDArray[np.float32]
+    basis: Floats
+    error: Floats
+    tells: float
+
+    def together(self, lines: list[float]) -> tuple[list[float], Floats, Floats]:
+        return self.waves.together(lines, SPACING * self.tells, self.basis, self.error)
+
+    def gains(self, lines: list[float], beside: Floats, left: Floats) -> Floats:
+        """Of all orders that are none of the lines, beside them."""
+        far = np.ones(len(self.orders), dtype=np.bool_)
+        for other in lines:
+            far &= np.abs(self.orders - other) > SAME * self.tells
+        return np.where(far, _gains(self.table, beside, left), 0.0)
+
+
+def _in_turn(raster: _Raster, lines: list[float], present: list[float], contrast: float) -> list[float]:
+    """Lines that were found one by one, each looked for anew beside the others, and those that are needed then.
+
+    Two waves that beat over a short stroke show as one between them; the rest of both is told by the strokes that are
+    long, and takes further lines where the first one stays.
+    """
+    if len(lines) < 2:
+        return lines
+    lines, left = _exchanged(raster, lines, present)
+    while len(lines) > 2:
+        fewer = [_exchanged(raster, [*lines[:i], *lines[i + 1 :]], present) for i in range(len(lines))]
+        least = min(range(len(lines)), key=lambda i: fewer[i][1])
+        _, beside, rest = raster.together(lines)
+        usual = _usual(raster.orders, raster.gains([*present, *lines], beside, rest), lines[least])
+        if fewer[least][1] - left > contrast * left * usual:
+            break
+        lines, left = fewer[least]
+    return lines
+
+
+def _exchanged(raster: _Raster, lines: list[float], present: list[float]) -> tuple[list[float], float]:
+    """Lines, each in the best place beside the others, and the sum of squares that they leave."""
+    lines, _, left = raster.together(lines)
+    best = float(left @ left)
+    for _ in range(SWEEPS):
+        before = best
+        for i in range(len(lines)):
+            others, beside, rest = raster.together([*lines[:i], *lines[i + 1 :]])
+            gains = raster.gains([*present, *others], beside, rest)
+            order = float(raster.orders[int(np.argmax(gains))])
+            order = raster.waves.refined(order, SPACING * raster.tells, beside, rest)
+            trial, _, rest = raster.together([*others, order])
+            if float(rest @ rest) < (1.0 - FINE_EXCHANGE) * best:
+                lines, best = trial, float(rest @ rest)
+        if best == before:
+            break
+    return lines, best
 
 
 def _usual(orders: Floats, gains: Floats, order: float) -> float:
@@ -150,12 +219,15 @@ def candidate_orders(problem: Problem, angle: float) -> Floats:
 
 
 class _Waves:
-    """Sines and cosines over the rows, faded out where the low-pass removes them."""
+    """Sines and cosines over the rows, each as large as the low-pass leaves it at the speed there."""
 
     def __init__(self, problem: Problem, angle: float, rows: Integers) -> None:
-        at = problem.data.grid[rows]
-        self._phase = angle * problem.data.position[at]
-        self._rate = np.abs(problem.data.velocity[at]) * angle / (2 * math.pi) / problem.data.cutoff
+        data, at = problem.data, problem.data.grid[rows]
+        self._phase = angle * data.position[at]
+        self._rate = np.abs(data.velocity[at]) * angle / (2 * math.pi) * data.period
+        reach = np.arange(len(data.taps)) - len(data.taps) // 2
+        self._tones = np.linspace(0.0, 0.5, TONES)
+        self._response = np.cos(2.0 * math.pi * np.outer(self._tones, reach)) @ data.taps
 
     def table(self, orders: Floats) -> NDArray[np.float32]:
         """Columns of shape (rows, 2·orders): sine and cosine by turns."""
@@ -163,7 +235,7 @@ class _Waves:
         for start in range(0, len(orders), PIECE):
             part = orders[start : start + PIECE]
             phase = np.outer(self._phase, part)
-            fade = np.exp(-(np.outer(self._rate, part) ** 4))
+            fade = self._passed(part)
             result[:, 2 * start : 2 * (start + len(part)) : 2] = np.sin(phase) * fade
             result[:, 2 * start + 1 : 2 * (start + len(part)) : 2] = np.cos(phase) * fade
         return result
@@ -200,9 +272,14 @@ class _Waves:
     def _slopes(self, orders: Floats, sizes: Floats) -> Floats:
         """What waves of these sizes change by with their orders, shape (rows, orders)."""
         phase = np.outer(self._phase, orders)
-        fade = np.exp(-(np.outer(self._rate, orders) ** 4))
+        fade = self._passed(orders)
         turned = sizes[::2] * np.cos(phase) - sizes[1::2] * np.sin(phase)
         return np.asarray(self._phase[:, None] * turned * fade)
+
+    def _passed(self, orders: Floats) -> Floats:
+        """Share of each wave that the low-pass leaves, shape (rows, orders); none of what comes faster than half the
+        sampling."""
+        return np.interp(np.outer(self._rate, orders), self._tones, self._response, right=0.0)
 
     @staticmethod
     def _beside(columns: NDArray[np.floating], basis: Floats) -> Floats:

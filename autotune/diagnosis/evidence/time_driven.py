@@ -127,16 +127,25 @@ def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | No
 
     It is alike in every repeat, and no effect of the axis. A reading y = q + e(y) leaves -J·e'' of what a model leaves:
     by its size over speed it differs from a torque over place, which must predict experiments held out less well.
+
+    At a constant speed every wave of the axis has another beside it that is the same at the samples: of more waves, by
+    as many as pass between two of them. So where a wave of fewer periods stands out more, it is asked beside that.
     """
     data = problem.data
     if not data.repeated or data.steady or data.reading is not None:
         return None
     bent = _bent(problem, model_fit.fitted.error)
-    line = strongest_line(data.measured, bent, _lines_of_scales(problem), problem.policy.line_contrast)
+    finer, finest = _lines_of_scales(problem)
+    line = strongest_line(data.measured, bent, (finer, finest), problem.policy.line_contrast)
     if line is None:
         return None
+    coarse = strongest_line(
+        data.measured, bent, (2.0 * math.pi / problem.scales.travel, finer), line.contrast
+    )
+    beside = None if coarse is None else np.hstack(_waves(problem, model_fit, coarse.wavenumber))
     found = max(
-        (_read(problem, model_fit, line.wavenumber / times) for times in (1.0, 2.0)), key=lambda one: one.gain
+        (_read(problem, model_fit, line.wavenumber / times, beside) for times in (1.0, 2.0)),
+        key=lambda one: one.gain,
     )
     known = found.gain >= problem.policy.least_gain and problem.policy.no_chance(found.gain, found.z)
     if not known or found.gain <= found.as_torque or found.wave.steepest >= 1.0:
@@ -182,8 +191,31 @@ class _Read:
     as_torque: float
 
 
-def _read(problem: Problem, model_fit: ModelFit, wavenumber: float) -> _Read:
-    """The error of a reading that has so many radians per motion unit, by the slopes of what the model leaves."""
+def _read(problem: Problem, model_fit: ModelFit, wavenumber: float, beside: Floats | None) -> _Read:
+    """The error of a reading that has so many radians per motion unit, by the slopes of what the model leaves.
+
+    `beside`: columns of another wave, shape (m, k); the slopes are those beside it.
+    """
+    fitted = model_fit.fitted
+    before = model_fit.unseen if beside is None else with_columns(problem, fitted, beside)
+    known = np.empty((len(fitted.error), 0)) if beside is None else beside
+    columns, waves = _waves(problem, model_fit, wavenumber)
+    weight = problem.training
+    table = np.hstack([fitted.jacobian, known, columns])
+    sizes = np.maximum(np.sqrt(weight @ table**2 / weight.sum()), 1e-300)
+    root = np.sqrt(weight)
+    steps = np.linalg.lstsq(root[:, None] * table / sizes, root * fitted.error, rcond=None)[0]
+    parts = -(steps / sizes)[-4:]
+    gains = [
+        gain_and_z(before, with_columns(problem, fitted, np.hstack([known, one]))) for one in (columns, waves)
+    ]
+    return _Read(ReadingWave(wavenumber, tuple(parts.tolist())), *gains[0], gains[1][0])
+
+
+def _waves(problem: Problem, model_fit: ModelFit, wavenumber: float) -> tuple[Floats, Floats]:
+    """Slopes of what a model leaves over a wave and its second harmonic, shape (m, 4) each: of the reading's error, for
+    each part of it, and of a torque over place.
+    """
     data, fitted = problem.data, model_fit.fitted
     size = 1e-3 / wavenumber
     plain = problem.raw(fitted.packed)
@@ -191,19 +223,9 @@ def _read(problem: Problem, model_fit: ModelFit, wavenumber: float) -> _Read:
     for i, parts in enumerate(np.eye(4) * size):
         moved = read_without(data, ReadingWave(wavenumber, tuple(parts)))
         columns[:, i] = (residual(moved, fitted.packed, measured_motion(moved)) - plain) / size
-    weight = problem.training
-    table = np.hstack([fitted.jacobian, columns])
-    sizes = np.maximum(np.sqrt(weight @ table**2 / weight.sum()), 1e-300)
-    table = table / sizes
-    root = np.sqrt(weight)
-    steps = np.linalg.lstsq(root[:, None] * table, root * fitted.error, rcond=None)[0]
-    parts = -(steps / sizes)[-4:]
     angle = wavenumber * data.position[data.grid]
     waves = np.column_stack([np.sin(angle), np.cos(angle), np.sin(2.0 * angle), np.cos(2.0 * angle)])
-    gains = [
-        gain_and_z(model_fit.unseen, with_columns(problem, fitted, one)) for one in (table[:, -4:], waves)
-    ]
-    return _Read(ReadingWave(wavenumber, tuple(parts.tolist())), *gains[0], gains[1][0])
+    return columns, waves
 
 
 def louder_than_all(data: Prepared) -> bool:
