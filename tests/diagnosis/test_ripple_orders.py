@@ -68,6 +68,25 @@ def test_waves_that_hide_one_another_are_found_beside_each_other(problem) -> Non
     assert sorted(found) == pytest.approx([order for order, _ in waves], abs=0.05)
 
 
+@pytest.mark.parametrize("draw", range(10))
+def test_waves_that_beat_over_short_strokes_are_told_by_the_few_long_ones(problem, draw) -> None:
+    """Nine tenths of the rows lie within half a turn, over which two waves beat nearly once; the rest over seven."""
+    waves = ((28.71, 10e-3), (30.37, 6.5e-3), (67.33, 6e-3))
+    rest, rng = _rest(problem, ()), np.random.default_rng(draw)
+    place = np.linspace(0.0, 2.0 * np.pi * 7.05, len(problem.data.position))
+    at = problem.data.grid[rest.rows]
+    short = rng.uniform(size=len(at)) < 0.9
+    place[at[short]] = 20.0 + rng.uniform(0.0, np.pi, np.count_nonzero(short))
+    data = replace(problem.data, position=place, velocity=np.zeros(len(place)))
+    long = replace(problem, data=data, scales=replace(problem.scales, travel=float(np.ptp(place))))
+    phases = rng.uniform(0.0, 2.0 * np.pi, len(waves))
+    error = rest.error + sum(
+        size * np.sin(order * place[at] + phase) for (order, size), phase in zip(waves, phases, strict=True)
+    )
+    found = find_orders(long, replace(rest, error=error - error.mean()), 1.0, [], 7)
+    assert sorted(found) == pytest.approx([order for order, _ in waves], abs=0.05)
+
+
 def _over(problem: Problem, turns: float, waves: tuple[tuple[float, float], ...]) -> list[float]:
     """Orders found where the same motion goes over so many turns."""
     times = turns * 2.0 * np.pi / problem.scales.travel

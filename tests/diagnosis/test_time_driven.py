@@ -19,6 +19,7 @@ from autotune.estimation.problem import Problem
 from autotune.estimation.residual import measured_motion
 from autotune.estimation.twin_runs import shaken
 from autotune.models.drive_model import base_model
+from autotune.signals.place_line import PlaceLine
 from tests.support.axes import NOMINAL, plain_axis
 from tests.support.diagnosis_programme import play
 
@@ -210,10 +211,10 @@ WAVE = ReadingWave(150.0, (1.6e-4, -0.4e-4, 0.4e-4, 0.8e-4))
 """A period is 42 mrad, on an axis whose encoder has counts of 0.13 mrad."""
 
 
-def _with_reading(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
-    """The axis seen by an encoder that interpolates with an error."""
+def _with_reading(problem: Problem, model_fit: ModelFit, *more: ReadingWave) -> tuple[Problem, ModelFit]:
+    """The axis seen by an encoder that interpolates with an error, and more of them."""
     data = problem.data
-    data = replace(data, measured=data.measured + WAVE.error(data.measured))
+    data = replace(data, measured=data.measured + sum(one.error(data.measured) for one in (WAVE, *more)))
     moved = filtered_motion(data.measured, data.stretches, data.period, data.motion_cutoff)
     parts = dict(zip(("position", "velocity", "acceleration"), moved, strict=True))
     data = replace(data, **parts)
@@ -236,3 +237,32 @@ def test_what_an_encoder_interpolates_is_taken_out(begun: tuple[Problem, ModelFi
     again = fit_inside_twin(without, model_fit.fitted.packed, list(model_fit.free), 2)
     assert again is not None
     assert again.fitted.cost < 1.1 * begun[1].fitted.cost
+
+
+def test_what_an_encoder_interpolates_is_found_beside_a_coarse_wave(begun: tuple[Problem, ModelFit]) -> None:
+    """An encoder off centre on a pinion: two waves a radian, ten times as large, are the axis's own and stay."""
+    problem, model_fit = _with_reading(*begun, ReadingWave(2.0, (1.6e-3, 0.0, 0.0, 0.0)))
+    without = time_driven.without_reading_waves(problem, model_fit)
+    assert without is not None
+    found = without.data.reading
+    assert found is not None
+    assert found.wavenumber == pytest.approx(WAVE.wavenumber, rel=1e-3)
+    assert found.parts == pytest.approx(WAVE.parts, abs=2e-5)
+
+
+@pytest.mark.parametrize("aliased", [True, False])
+def test_a_wave_that_a_coarse_one_explains_is_not_taken_out(
+    monkeypatch: pytest.MonkeyPatch, begun: tuple[Problem, ModelFit], aliased: bool
+) -> None:
+    """At one speed whole waves of the fine one more pass between two samples: the columns of both are the same."""
+    problem, model_fit = _with_reading(*begun)
+    own, fine = time_driven._waves, PlaceLine(WAVE.wavenumber, 10.0)
+    coarse = PlaceLine(2.0, 20.0)
+    monkeypatch.setattr(
+        time_driven, "strongest_line", lambda _p, _s, bounds, _l: coarse if bounds[1] < 100.0 else fine
+    )
+    alike = WAVE.wavenumber if aliased else coarse.wavenumber
+    monkeypatch.setattr(
+        time_driven, "_waves", lambda p, m, k: own(p, m, alike if k == coarse.wavenumber else k)
+    )
+    assert (time_driven.without_reading_waves(problem, model_fit) is None) is aliased
