@@ -52,7 +52,8 @@ TONES = 257
 REFINED, STEPS = 9, 3
 WITHIN = 2.0
 """Standard errors, rows counted as correlated, and a share of the resolution: a whole number so near is meant."""
-LEAST_DOUBT = 0.01
+LEAST_DOUBT, BY_CHANCE = 0.01, 0.25
+"""Cycles: an interval that goes so far either way holds a whole number by chance as often as not."""
 
 
 class Searched(Protocol):
@@ -307,7 +308,7 @@ def _gains(table: NDArray[np.float32], basis: Floats, error: Floats) -> Floats:
 
 
 def with_whole_orders(problem: Problem, model_fit: ModelFit) -> ModelFit:
-    """The model with each order a whole number where its interval contains one, fitted again."""
+    """The model with each order a whole number where its interval contains one and is narrow, fitted again."""
     packed = model_fit.fitted.packed
     if packed.p[TORQUE_RIPPLE.slot("order_1")] <= 0.0:
         return model_fit
@@ -319,7 +320,8 @@ def with_whole_orders(problem: Problem, model_fit: ModelFit) -> ModelFit:
         if slot not in places:
             continue
         nearest = float(round(p[slot]))
-        if nearest >= 1.0 and abs(p[slot] - nearest) <= WITHIN * float(spread[places[slot]]) + LEAST_DOUBT:
+        doubt = WITHIN * float(spread[places[slot]]) + LEAST_DOUBT
+        if nearest >= 1.0 and abs(p[slot] - nearest) <= doubt <= BY_CHANCE:
             p[slot] = nearest
             whole.add(slot)
     if not whole:
