@@ -129,16 +129,18 @@ def test_a_twin_that_explains_far_less_than_none_is_not_used(
     assert any(note.startswith("No twin: a simulation of the model") for note in notes) is not twin
 
 
+LATE = [(TRUE, PERIOD), (PositionController(1.5, 0.016, 10.0, 0.7), 4e-3)]
+"""Laws and rows' periods of late records; at 4 ms the slower loop that explains the columns as well does not run."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("law", "period"), [(TRUE, PERIOD), (PositionController(1.5, 0.016, 10.0, 0.7), 4e-3)]
-)
+@pytest.mark.parametrize(("law", "period"), LATE)
 def test_a_late_record_is_told_whatever_contact_the_wrong_loop_left(
     law: PositionController, period: float
 ) -> None:
     """A torque that is written a row late; the model was fitted in the slower loop that explains its columns as well.
 
-    There the contact had to be undamped, and a fit that began with it ended with it. At 4 ms that loop does not run.
+    There the contact had to be undamped, and a fit that began with it ended with it.
     """
     problem, fit, _, notes = baseline.begin(
         prepared_to_fit([_written_late(law, period)]), base_model({**AXIS, "micro_damping": 0.0})
@@ -151,17 +153,26 @@ def test_a_late_record_is_told_whatever_contact_the_wrong_loop_left(
 
 
 @pytest.mark.slow
-def test_a_fit_of_all_motion_and_its_comparison_ask_for_a_late_record() -> None:
+@pytest.mark.parametrize(("law", "period"), LATE)
+def test_a_fit_of_all_motion_and_its_comparison_ask_for_a_late_record(
+    law: PositionController, period: float
+) -> None:
     """An exact law with a delay explains the demand in either row; the axis does not."""
-    late = _written_late(TRUE, PERIOD)
+    late = _written_late(law, period)
     model = fit_recordings([late]).model
     assert model is not None
     compared = compare([late], model)
     assert LATE_RECORD in compared.notes
     assert model["micro_damping"] == pytest.approx(AXIS["micro_damping"], rel=0.2)
     assert model["viscous"] == pytest.approx(AXIS["viscous"], rel=0.1)
-    prompt = _twice(TRUE, PERIOD, late=0)
-    assert not compare([prompt], model).late_record
+
+
+@pytest.mark.slow
+def test_a_host_with_dead_time_has_no_late_record() -> None:
+    law = replace(TRUE, kp=3.0, ki=30.0, reference_delay=1, position_delay=1)
+    compared = compare([_twice(law, PERIOD, late=0)], base_model(AXIS))
+    assert compared.twin
+    assert not compared.late_record
 
 
 def _written_late(law: PositionController, period: float) -> Recording:
