@@ -12,13 +12,19 @@ from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
-from autotune.diagnosis.evidence.torque_path import recorded_late, recorded_otherwise, without_rounding
+from autotune.diagnosis.evidence.torque_path import (
+    LATE_RECORD,
+    is_recorded_late,
+    recorded_late,
+    recorded_otherwise,
+    without_rounding,
+)
 from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
 from autotune.diagnosis.wording import left_out_note, unexplained
-from autotune.estimation.alignment import CURRENT_LOOP, without_twin
+from autotune.estimation.alignment import without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
     as_rough,
@@ -41,7 +47,7 @@ from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import by_certainty, estimate_disturbance, with_expected_noise
 from autotune.estimation.least_squares import Free, with_values
-from autotune.estimation.model_error import CLEARLY_LESS, by_chance, told_by_twin
+from autotune.estimation.model_error import by_chance, told_by_twin
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
     Problem,
@@ -71,7 +77,6 @@ AS_ASKED = (
     "Above {:.2g} Hz the torque is compared as the controller asks for it along the recorded motion: of that "
     "the model leaves less than of the recorded torque, which was read at a moment, or is noisier."
 )
-LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
 def begin(
@@ -314,14 +319,8 @@ def _late_record(
     if isinstance(found, str):
         return problem, model_fit, ()
     again, other = _aligned(*with_noise_of(*found))
-    # what is late of it then makes up for a record that was not
-    prompt = again.data.cycles == 0 and again.data.lag < CURRENT_LOOP
-    leaves_less = all(
-        one.mean_square(other.fitted.error, TRAINING)
-        <= CLEARLY_LESS * one.mean_square(model_fit.fitted.error, TRAINING)
-        for one in (problem, again)
-    )
-    return (again, other, (LATE_RECORD,)) if prompt and leaves_less else (problem, model_fit, ())
+    late = is_recorded_late(problem, model_fit.fitted, again, other.fitted)
+    return (again, other, (LATE_RECORD,)) if late else (problem, model_fit, ())
 
 
 def _without_clocked(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:

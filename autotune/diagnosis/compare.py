@@ -23,21 +23,35 @@ from autotune.core.errors import ConfigurationError
 from autotune.core.remembered import Remembered, digest_of
 from autotune.core.units import torque_symbol
 from autotune.diagnosis.candidates import free_of_model
-from autotune.diagnosis.evidence.torque_path import without_chain
+from autotune.diagnosis.evidence.torque_path import (
+    LATE_RECORD,
+    SETTLED,
+    is_recorded_late,
+    recorded_late,
+    without_chain,
+)
 from autotune.estimation.bandwidth import Bands, prepared_for
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.controller import controller_of
+from autotune.estimation.contact_start import usually_damped
+from autotune.estimation.controller import controller_of, find_controller
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.coordinates import bins, coordinates, since_reversal, variance_shares
 from autotune.estimation.cross_validation import held_out
 from autotune.estimation.data import TEST, TRAINING, VETO, Prepared
 from autotune.estimation.disturbance import STILL
-from autotune.estimation.least_squares import Free, done_alone, fitting
-from autotune.estimation.model_error import SIMULATIONS, ModelError, NoiseFloor, model_error, noise_floor
+from autotune.estimation.least_squares import Fitted, Free, done_alone, fitting
+from autotune.estimation.model_error import (
+    SIMULATIONS,
+    ModelError,
+    NoiseFloor,
+    error_inside,
+    model_error,
+    noise_floor,
+)
 from autotune.estimation.pieces import Piece, cut, torque_error
 from autotune.estimation.pieces import run_twin as run_piece
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.problem import Problem, base_free, refit
+from autotune.estimation.problem import Problem, base_free, new_problem, refit
 from autotune.estimation.residual import residual
 from autotune.estimation.twin_runs import run_twin
 from autotune.identify.refinement import surroundings
@@ -82,6 +96,7 @@ class Compared:
         where: share of the residual's variance that each coordinate explains.
         position_rms: of the simulated against the measured position; nan without twin.
         error, torque: on the grid, shape (m,); `time` likewise.
+        late_record: as of `ModelError`.
     """
 
     error_rms: float
@@ -98,6 +113,7 @@ class Compared:
     error: Floats
     rows: Flags
     notes: tuple[str, ...] = ()
+    late_record: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,20 +240,83 @@ def stated_error(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> 
 
 def _stated_error(data: Prepared, model: DriveModel, policy: Policy) -> ModelError:
     left = model_error(data, model, policy)
-    problem, packed = left.problem, model.pack()
-    if not (problem.twin and data.repeated):
+    problem = left.problem
+    if not data.repeated:
         return left
+    if not problem.twin:
+        return _running_late(left, data, model, policy)
+    prompt = _behind_chain(problem, model, model.pack())
+    if prompt is None:
+        return left
+    best = left if prompt[0] is problem else _less_left(left, prompt[0], model)
+    late = _read_late(prompt, problem, model)
+    if late is None:
+        return best
+    told = replace(best, late_record=True)
+    found = _less_left(told, late, model)
+    return found if found is told else replace(found, notes=(*left.notes, LATE_RECORD))
+
+
+def _running_late(left: ModelError, data: Prepared, model: DriveModel, policy: Policy) -> ModelError:
+    """The error in the loop of a torque that was recorded a sample late, where only that runs; else as it was.
+
+    A model that was fitted in the slower loop may have a contact with which that one does not run.
+    """
+    law = find_controller(data, policy)
+    sooner = recorded_late(new_problem(data, law, policy)) if law.usable and law.exact else None
+    if sooner is None or sooner.controller is None:
+        return left
+    found = error_inside(sooner.data, sooner.controller, model, policy)
+    if not found.problem.twin:
+        return left
+    late = replace(found, notes=(*found.notes, LATE_RECORD))
+    return replace(late if late.error_rms < left.error_rms else left, late_record=True)
+
+
+def _behind_chain(problem: Problem, model: DriveModel, packed: Packed) -> tuple[Problem, ModelFit] | None:
+    """The problem with what the measurement chain adds taken out, told by a refit, and that; None where none fits.
+
+    `packed`: what the refit begins with, under its bias.
+    """
+    free = _free(problem, model, packed)
     correction = problem.correction(packed, SIMULATIONS)
-    fitted = refit(problem, packed, _free(problem, model, packed), correction, 4)
-    if not np.isfinite(fitted.cost):
-        return left
+    fitted = refit(problem, packed, free, correction, 4)
+    if not (correction.stable and np.isfinite(fitted.cost)):
+        return None
     beside = ModelFit(fitted, correction, held_out(problem, fitted.error, fitted.jacobian))
-    again = without_chain(problem, beside)
-    if again is problem:
-        return left
-    correction = again.correction(packed, SIMULATIONS)
-    error = residual(again.data, packed, again.moved) - correction.bias
-    found = replace(left, problem=again, error=error)
+    return without_chain(problem, beside), beside
+
+
+def _read_late(prompt: tuple[Problem, ModelFit], problem: Problem, model: DriveModel) -> Problem | None:
+    """The problem with its torque recorded a sample late, and the chain taken out then; None where it was not.
+
+    An exact law that sees all a sample late explains its demand as well where the torque is read when the next one is
+    due: what the model leaves tells the two apart, each refitted behind its own chain. Of other laws a twin told that.
+    A contact that was fitted in the slower loop may be undamped, and a fit under its bias ends there.
+    """
+    law = problem.controller
+    sooner = recorded_late(problem) if law is not None and law.exact else None
+    if sooner is None:
+        return None
+    packed = model.pack()
+    here, damped = _refitted(*prompt, packed), usually_damped(packed)
+    late = _behind_chain(sooner, model, damped)
+    told = late is not None and is_recorded_late(prompt[0], here, late[0], _refitted(*late, damped))
+    return late[0] if late is not None and told else None
+
+
+def _refitted(problem: Problem, beside: ModelFit, packed: Packed) -> Fitted:
+    """A model once more, fitted from where it was elsewhere, under the bias of a model."""
+    correction = problem.correction(packed, SIMULATIONS)
+    return refit(problem, beside.fitted.packed, list(beside.free), correction, SETTLED)
+
+
+def _less_left(left: ModelError, problem: Problem, model: DriveModel) -> ModelError:
+    """The model's error in another problem where that is less; else as it was."""
+    packed = model.pack()
+    correction = problem.correction(packed, SIMULATIONS)
+    error = residual(problem.data, packed, problem.moved) - correction.bias
+    found = replace(left, problem=problem, error=error)
     return found if correction.stable and found.error_rms < left.error_rms else left
 
 
@@ -263,6 +342,7 @@ def _measures(left: ModelError, model: DriveModel, position: float) -> Compared:
         error,
         rows,
         left.notes,
+        left.late_record,
     )
 
 

@@ -244,7 +244,7 @@ def _behind_the_chain(
         return result, compared
     data = compared.problem.data
     late = data.lag > SURE * data.lag_error or data.late != 0.0 or data.cycles > 0
-    if not (compared.twin and data.repeated and late):
+    if not (compared.late_record or (compared.twin and data.repeated and late)):
         return result, compared
     other = _by_search(whole, effects, (), progress)
     its = None if other.model is None else compared_or_none(recordings, other.model)

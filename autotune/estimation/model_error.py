@@ -70,12 +70,15 @@ class ModelError:
     Attributes:
         rows: that count.
         notes: in words, why there is no twin.
+        late_record: whether the torque was recorded a sample late, as a refit of the model tells: what the model as it
+            is leaves may be less as it was recorded.
     """
 
     problem: Problem
     error: Floats
     rows: Flags
     notes: tuple[str, ...]
+    late_record: bool = False
 
     @property
     def torque(self) -> Floats:
@@ -377,12 +380,13 @@ def model_error(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> M
     laws = controllers_of(data, find_controller(data, policy), policy)
     law, _ = told_by_twin(data, laws, model.pack(), policy)
     if law.ticks > 1 and data.repeated:  # of a torque read at some moment, or as the law asks for it
-        return _error_inside(as_recorded(data, law), law, model, policy)
+        return error_inside(as_recorded(data, law), law, model, policy)
     # the recorded torque is taken as what acts from each sample to the next: so is a twin's
-    return _error_inside(data, replace(law, taken=NEXT, asked=0.0), model, policy)
+    return error_inside(data, replace(law, taken=NEXT, asked=0.0), model, policy)
 
 
-def _error_inside(data: Prepared, found: PositionController, model: DriveModel, policy: Policy) -> ModelError:
+def error_inside(data: Prepared, found: PositionController, model: DriveModel, policy: Policy) -> ModelError:
+    """The error of a model on prepared data whose controller is `found`; without a twin where that does not run."""
     problem = new_problem(data, found, policy)
     packed = model.pack()
     no_twin = () if data.steady else (f"No twin: {found.why}.",)

@@ -14,7 +14,7 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis import baseline
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
-from autotune.diagnosis.evidence import evidence as measured
+from autotune.diagnosis.evidence import torque_path as measured
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording

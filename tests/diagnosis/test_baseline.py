@@ -10,7 +10,10 @@ import pytest
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis import baseline
+from autotune.diagnosis.compare import compare
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
+from autotune.diagnosis.evidence.torque_path import LATE_RECORD
+from autotune.diagnosis.fit_recordings import fit_recordings
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.controller import as_acted, as_recorded, controller_of
 from autotune.estimation.controller_law import PositionController
@@ -20,6 +23,7 @@ from autotune.estimation.problem import new_problem
 from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Recording
+from autotune.signals.between_samples import delayed
 from tests.estimation.simulated import AXIS, PERIOD, TRUE, followed, recorded
 
 LAW = PositionController(1.0, 0.1, explained=0.998, source="identified", in_band=True)
@@ -125,35 +129,64 @@ def test_a_twin_that_explains_far_less_than_none_is_not_used(
     assert any(note.startswith("No twin: a simulation of the model") for note in notes) is not twin
 
 
+LATE = [(TRUE, PERIOD), (PositionController(1.5, 0.016, 10.0, 0.7), 4e-3)]
+"""Laws and rows' periods of late records; at 4 ms the slower loop that explains the columns as well does not run."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("law", "period"), [(TRUE, PERIOD), (PositionController(1.5, 0.016, 10.0, 0.7), 4e-3)]
-)
+@pytest.mark.parametrize(("law", "period"), LATE)
 def test_a_late_record_is_told_whatever_contact_the_wrong_loop_left(
     law: PositionController, period: float
 ) -> None:
     """A torque that is written a row late; the model was fitted in the slower loop that explains its columns as well.
 
-    There the contact had to be undamped, and a fit that began with it ended with it. At 4 ms that loop does not run.
+    There the contact had to be undamped, and a fit that began with it ended with it.
     """
     problem, fit, _, notes = baseline.begin(
         prepared_to_fit([_written_late(law, period)]), base_model({**AXIS, "micro_damping": 0.0})
     )
-    assert baseline.LATE_RECORD in notes
+    assert LATE_RECORD in notes
     assert problem.controller is not None
     assert (problem.controller.position_delay, problem.data.shift) == (0, 2.0)
     assert fit.fitted.packed.p[layout.MICRO_DAMPING] == pytest.approx(AXIS["micro_damping"], rel=0.2)
     assert fit.fitted.packed.p[layout.INERTIA] == pytest.approx(AXIS["inertia"], rel=0.01)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "period"), LATE)
+def test_a_fit_of_all_motion_and_its_comparison_ask_for_a_late_record(
+    law: PositionController, period: float
+) -> None:
+    """An exact law with a delay explains the demand in either row; the axis does not."""
+    late = _written_late(law, period)
+    model = fit_recordings([late]).model
+    assert model is not None
+    compared = compare([late], model)
+    assert LATE_RECORD in compared.notes
+    assert model["micro_damping"] == pytest.approx(AXIS["micro_damping"], rel=0.2)
+    assert model["viscous"] == pytest.approx(AXIS["viscous"], rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_host_with_dead_time_has_no_late_record() -> None:
+    law = replace(TRUE, kp=3.0, ki=30.0, reference_delay=1, position_delay=1)
+    compared = compare([_twice(law, PERIOD, late=0)], base_model(AXIS))
+    assert compared.twin
+    assert not compared.late_record
+
+
 def _written_late(law: PositionController, period: float) -> Recording:
-    """The same motion two times, disturbed by chance, with every torque in the row after its own."""
+    return _twice(law, period, late=1)
+
+
+def _twice(law: PositionController, period: float, late: int) -> Recording:
+    """The same motion two times, disturbed by chance, with every torque so many rows after its own."""
     like = recorded(law, seconds=30.0, period=period)
     rows, rounds = len(like), []
     for seed in (1, 2):
         shaken = np.random.default_rng(seed).normal(0.0, 1e-3, rows)
         columns = followed(like["reference"], shaken, law, base_model(AXIS), None, period)
-        columns["torque"] = np.append(columns["torque"][:1], columns["torque"][:-1])
+        columns["torque"] = delayed(columns["torque"], late, float(columns["torque"][0]))
         rounds.append(columns)
     both = {name: np.concatenate([one[name] for one in rounds]) for name in rounds[0]}
     both["time"] = np.arange(2 * rows) * period

@@ -26,7 +26,7 @@ from autotune.estimation.alignment import (
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.controller import RECORDED_LATE, as_recorded, as_wanted
 from autotune.estimation.controller_law import NEXT
-from autotune.estimation.data import Prepared
+from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.least_squares import CORRELATED, Fitted, followed, standard_errors
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion, smoothed
@@ -58,6 +58,7 @@ CLEARLY_LESS = 0.98
 """Of the mean square: what another delay must leave at most to be taken for it; what else a model lacks bends both."""
 SURE = 2.0
 """Standard errors by which a lag must be longer than a current loop's to be more."""
+LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 ROUNDING = 1e-9
 """Of what torque and acceleration suggest: inertia that is above its bound by no more has been taken there."""
 
@@ -279,6 +280,18 @@ def recorded_late(problem: Problem) -> Problem | None:
     if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
         return None
     return _with(replace(problem, controller=replace(law.sooner(), why="")), a_row_sooner(problem.data))
+
+
+def is_recorded_late(problem: Problem, prompt: Fitted, late: Problem, fitted: Fitted) -> bool:
+    """Whether a torque was recorded a sample late: of one model, fitted without that and with it, the latter leaves
+    clearly less, and no more than a prompt current loop is late of it then, which would make up for a record that was
+    not."""
+    if late.data.cycles > 0 or late.data.lag >= CURRENT_LOOP:
+        return False
+    return all(
+        one.mean_square(fitted.error, TRAINING) <= CLEARLY_LESS * one.mean_square(prompt.error, TRAINING)
+        for one in (problem, late)
+    )
 
 
 def _behind_lag(
