@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Floats, Integers
 from autotune.estimation.coordinates import (
     Rests,
     generic_columns,
@@ -58,6 +58,30 @@ def held_out(problem: Problem, error: Floats, columns: Floats) -> Unseen:
         rest = weight[rows] * (error[rows] + part @ change) ** 2
         chunks += [float(c.sum()) for c in np.array_split(rest, max(1, len(rest) // CHUNK))]
     return Unseen(np.array(chunks))
+
+
+def chunks_held_out(problem: Problem) -> list[Integers]:
+    """Rows of each chunk of `held_out`, in its order."""
+    fold, fitted = problem.data.folds, problem.data.role(TRAINING)
+    rows = (np.flatnonzero(fitted & (fold == number)) for number in np.unique(fold[fitted]))
+    return [chunk for part in rows for chunk in np.array_split(part, max(1, len(part) // CHUNK))]
+
+
+def left_unseen(problem: Problem, errors: Floats, columns: Floats) -> Floats:
+    """What `held_out` leaves in all of several errors, shape (m, k) → (k,)."""
+    weight = problem.training[:, None]
+    inner = columns.T @ (columns * weight)
+    ridge = 1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner))
+    slope = columns.T @ (errors * weight)
+    fold, fitted = problem.data.folds, problem.data.role(TRAINING)
+    left = np.zeros(errors.shape[1])
+    for number in np.unique(fold[fitted]):
+        rows = np.flatnonzero(fitted & (fold == number))
+        part, own = columns[rows], errors[rows]
+        others = inner - part.T @ (part * weight[rows]) + ridge
+        change = -np.linalg.solve(others, slope - part.T @ (own * weight[rows]))
+        left += np.sum(weight[rows] * (own + part @ change) ** 2, axis=0)
+    return left
 
 
 def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:

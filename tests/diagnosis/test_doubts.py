@@ -18,8 +18,9 @@ from autotune.diagnosis.free_shape import at_an_edge
 from autotune.diagnosis.starts import varying
 from autotune.estimation import contact_start
 from autotune.estimation.coordinates import coordinates, generic_columns
-from autotune.estimation.cross_validation import Explained
+from autotune.estimation.cross_validation import Explained, chunks_held_out, held_out, left_unseen
 from autotune.estimation.data import Block
+from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem, without_outlying
 from autotune.models import layout
@@ -221,28 +222,99 @@ def test_what_is_only_too_small_for_a_name_is_something(
 
 
 @pytest.mark.parametrize(
-    ("gain", "evenly", "likely"), [(0.86, 2.8, True), (0.86, 1.4, False), (0.3, 2.8, False)]
+    ("gain", "evenly", "agree", "beside", "likely"),
+    [
+        (0.86, 2.8, False, (), True),
+        (0.86, 1.4, False, (), False),
+        (0.3, 2.8, False, (), False),
+        (0.3, 1.4, True, (), True),
+        (0.3, 1.4, True, ("direction_asymmetry",), False),  # so does what that one's law leaves
+    ],
 )
 def test_an_effect_that_lowers_every_stretch_by_half_is_no_chance(
-    monkeypatch: pytest.MonkeyPatch, gain: float, evenly: float, likely: bool
+    monkeypatch: pytest.MonkeyPatch,
+    gain: float,
+    evenly: float,
+    agree: bool,
+    beside: tuple[str, ...],
+    likely: bool,
 ) -> None:
     """It may be large in one experiment and small in another, which the scatter of its fall takes for chance."""
     monkeypatch.setattr(single, "visible", lambda *_: True)
-    item = SimpleNamespace(effect="nonlinear_viscous", gain=gain, z=1.9, evenly=evenly)
-    problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(periodic=()))
-    assert bool(SingleRecording()._likely(problem, [item], POLICY.least_gain_single)) == likely
+    monkeypatch.setattr(single, "beats_signs", lambda *_: agree)
+    item = SimpleNamespace(effect="nonlinear_viscous", gain=gain, z=1.9, evenly=evenly, fitted=None)
+    problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(periodic=(), steady=False))
+    root = SimpleNamespace(fitted=None, effects=beside)
+    assert bool(SingleRecording()._likely(problem, root, [item], POLICY.least_gain_single)) == likely
+
+
+def _in_strokes(signs: list[float]) -> tuple[Problem, Fitted, Fitted]:
+    """40 s, noise, and a shape of a second that is there in some of them, with these signs; base and candidate."""
+    rows, random = np.arange(8000), np.random.default_rng(3)
+    shape = np.zeros(len(rows))
+    error = random.normal(0.0, 1.0, len(rows))
+    for number, sign in enumerate(signs):
+        inside = slice(400 * number + 50, 400 * number + 150)
+        shape[inside] = 1.0
+        error[inside] += 8.0 * sign
+    data = SimpleNamespace(folds=rows // 400, role=lambda *_: np.ones(len(rows), dtype=bool))
+    problem = SimpleNamespace(data=data, training=np.ones(len(rows)), policy=POLICY)
+    base = np.column_stack([np.ones(len(rows)), np.sin(rows / 90.0)])
+    fits = [SimpleNamespace(error=error, jacobian=table) for table in (base, np.column_stack([base, shape]))]
+    return problem, *fits
 
 
 @pytest.mark.parametrize(
-    ("part", "gain", "evenly", "exact", "slides", "effect", "matters"),
+    ("signs", "agree"),
+    [([1.0] * 10, True), ([1.0, -1.0] * 5, False), ([1.0] * 3, False)],
+)
+def test_a_gain_in_a_few_strokes_is_no_accident_where_they_agree(signs: list[float], agree: bool) -> None:
+    """Of three strokes any signs agree once in four; of ten hardly ever."""
+    problem, base, candidate = _in_strokes(signs)
+    assert single.beats_signs(problem, base, candidate, POLICY.least_z_single) is agree
+
+
+def test_what_is_left_of_several_errors_is_what_is_left_of_each() -> None:
+    problem, _, candidate = _in_strokes([1.0, -1.0, 1.0])
+    errors = np.column_stack([candidate.error, candidate.error[::-1]])
+    left = left_unseen(problem, errors, candidate.jacobian)
+    each = [held_out(problem, error, candidate.jacobian).total for error in errors.T]
+    assert left == pytest.approx(each, rel=1e-9)
+    assert [len(rows) for rows in chunks_held_out(problem)] == [200] * 40
+
+
+@pytest.mark.parametrize(
+    ("part", "gain", "evenly", "exact", "slides", "beyond", "beside", "effect", "matters"),
     [
-        (0.008, 0.2, 0.0, False, True, "stribeck", True),
-        (0.004, 0.2, 0.0, False, True, "stribeck", False),
-        (0.004, 0.9, 4.0, False, True, "stribeck", True),  # in a few quick moves, but in all of them
-        (0.004, 0.9, 2.6, False, True, "stribeck", False),
-        (0.001, 0.2, 0.0, True, True, "stribeck", True),  # all that the chain does is known
-        (0.001, 0.2, 0.0, True, False, "stribeck", False),  # another law of presliding
-        (0.001, 0.9, 4.0, True, True, "torque_lag", False),
+        (0.008, 0.2, 0.0, False, True, False, (), "stribeck", True),
+        (0.004, 0.2, 0.0, False, True, False, (), "stribeck", False),
+        (
+            0.004,
+            0.9,
+            4.0,
+            False,
+            True,
+            False,
+            (),
+            "stribeck",
+            True,
+        ),  # in a few quick moves, but in all of them
+        (0.004, 0.9, 2.6, False, True, False, (), "stribeck", False),
+        (0.001, 0.2, 0.0, True, True, False, (), "stribeck", True),  # all that the chain does is known
+        (0.001, 0.2, 0.0, True, False, False, (), "stribeck", False),  # another law of presliding
+        (0.001, 0.9, 4.0, True, True, True, (), "torque_lag", False),
+        (0.001, 0.2, 0.0, False, False, True, (), "stribeck", True),  # no chain explains it
+        (
+            0.001,
+            0.2,
+            0.0,
+            False,
+            False,
+            True,
+            ("spring",),
+            "stribeck",
+            False,
+        ),  # as little as that one's law leaves
     ],
 )
 def test_so_little_is_the_measurement_chain_where_that_is_not_known(
@@ -252,14 +324,18 @@ def test_so_little_is_the_measurement_chain_where_that_is_not_known(
     evenly: float,
     exact: bool,
     slides: bool,
+    beyond: bool,
+    beside: tuple[str, ...],
     effect: str,
     matters: bool,
 ) -> None:
     monkeypatch.setattr(single, "part_of_torque", lambda *_: part)
     monkeypatch.setattr(single, "while_sliding", lambda *_: slides)
+    monkeypatch.setattr(single, "beyond_chain", lambda *_: beyond)
     item = SimpleNamespace(effect=effect, gain=gain, z=2.6, evenly=evenly)
     problem = SimpleNamespace(policy=POLICY, twin=True, controller=SimpleNamespace(exact=exact))
-    assert single.matters(problem, None, item) is matters
+    root = SimpleNamespace(fitted=None, effects=beside)
+    assert single.matters(problem, root, item) is matters
 
 
 def test_what_a_disturbance_makes_by_itself_tells_nothing_where_nothing_is_repeated() -> None:

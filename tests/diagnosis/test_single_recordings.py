@@ -16,7 +16,7 @@ from autotune.diagnosis import screening
 from autotune.diagnosis.base_laws import without_effects
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
-from autotune.diagnosis.evidence.single import SingleRecording
+from autotune.diagnosis.evidence.single import SingleRecording, beyond_chain, part_of_torque
 from autotune.diagnosis.fitting import fit_model
 from autotune.diagnosis.free_shape import (
     any_course,
@@ -485,6 +485,33 @@ def test_what_goes_with_the_place_is_told_where_the_contact_slides(slope: float,
     assert sliding is not None
     assert 0.5 < np.count_nonzero(sliding.weight) / np.count_nonzero(problem.weight) < 1.0
     assert goes_with_place(sliding, root.fitted) is told
+
+
+@pytest.mark.parametrize(
+    ("ripple", "read", "bend", "effect", "told"),
+    [
+        (4e-4, 0.0, 0.0, "torque_ripple", True),
+        (0.0, 8e-4, 0.0, "torque_ripple", False),
+        (0.0, 0.0, 0.03, "torque_saturation", False),
+    ],
+)
+def test_what_no_measurement_chain_makes_may_be_as_small_as_it_is(
+    ripple: float, read: float, bend: float, effect: str, told: bool
+) -> None:
+    """A ripple of half a per cent of the torque; an encoder whose lines are as dense; a sensor with a bent line."""
+    q = _strokes(20.0)
+    torque = _torque(q, ripple=ripple) + np.random.default_rng(5).normal(0.0, 2e-4, len(q))
+    torque -= bend * torque**3 / np.max(torque**2)
+    place = np.round((q + read * np.sin(7 * q)) / COUNT) * COUNT
+    columns = {"time": np.arange(len(q)) * PERIOD, "position": place, "torque": torque}
+    metadata = Metadata(sample_period=PERIOD, position_resolution=COUNT)
+    recording = Recording.from_columns(columns, metadata, "strokes")
+    problem, root, nominal, _ = begin(prepared_for([recording]), fit_model([recording]).model)
+    found = screen(problem, SingleRecording(), root, nominal, effect)
+    assert found is not None
+    assert found.gain > POLICY.least_gain_single
+    assert part_of_torque(problem, root, found) < POLICY.least_part
+    assert beyond_chain(problem, root.fitted, found) is told
 
 
 def test_an_axis_that_hardly_slides_tells_nothing_of_its_place() -> None:

@@ -22,11 +22,23 @@ from autotune.core.arrays import Flags, Floats, Integers
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Effort, Evidence, HoldoutResult
 from autotune.diagnosis.evidence.torque_path import WORTH_ALIGNING, without_chain
-from autotune.diagnosis.evidence.visibility import highest_frequency, loop_like, resolved_frequency, visible
+from autotune.diagnosis.evidence.visibility import (
+    beside_chain,
+    highest_frequency,
+    loop_like,
+    resolved_frequency,
+    visible,
+)
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import coordinates
-from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, held_out
+from autotune.estimation.cross_validation import (
+    beyond_presliding,
+    chunks_held_out,
+    gain_and_z,
+    held_out,
+    left_unseen,
+)
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import Policy
@@ -72,20 +84,15 @@ class SingleRecording(Evidence):
     def worth_fitting(
         self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]
     ) -> list[ScreenedCandidate]:
-        likely = self._likely(problem, ranked, problem.policy.least_gain_single)
+        likely = self._likely(problem, model_fit, ranked, problem.policy.least_gain_single)
         likely = [item for item in likely if matters(problem, model_fit, item)]
         return [item for item in likely if beats_chance(problem, model_fit.fitted, item.fitted)]
 
     def _likely(
-        self, problem: Problem, ranked: Sequence[ScreenedCandidate], least: float
+        self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate], least: float
     ) -> list[ScreenedCandidate]:
-        policy = problem.policy
-        least_z = policy.apart_z if problem.data.periodic else policy.least_z_single
-        likely = [
-            i
-            for i in ranked
-            if i.gain >= least_of(policy, i, least) and beyond_chance_by(policy, i) >= least_z
-        ]
+        large = [item for item in ranked if item.gain >= least_of(problem.policy, item, least)]
+        likely = [item for item in large if no_accident(problem, model_fit, item)]
         return [item for item in likely if visible(problem, item)][:MOST_LIKELY]
 
     def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
@@ -94,7 +101,7 @@ class SingleRecording(Evidence):
             return f"{100 * least:.0f} % are needed"
         if not visible(problem, item):
             return "with parameters that these data cannot show"
-        if not self._likely(problem, [item], least):
+        if not self._likely(problem, model_fit, [item], least):
             return "not in enough of them to be no chance"
         if not matters(problem, model_fit, item):
             part = 100 * part_of_torque(problem, model_fit, item)
@@ -155,7 +162,7 @@ class SingleRecording(Evidence):
             return large
         small = [
             item
-            for item in self._likely(problem, first, policy.least_gain_single)
+            for item in self._likely(problem, model_fit, first, policy.least_gain_single)
             if not bends(EFFECTS[item.effect])
             and part_of_torque(problem, model_fit, item) >= policy.clear_single_part
             and while_sliding(problem, model_fit, item)
@@ -250,11 +257,15 @@ class SpeedCurve(SingleRecording):
     def worth_fitting(
         self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]
     ) -> list[ScreenedCandidate]:
-        return self._likely(problem, ranked, problem.policy.least_gain)
+        return self._likely(problem, model_fit, ranked, problem.policy.least_gain)
 
     def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
         least = problem.policy.least_gain
-        return "" if self._likely(problem, [item], least) else f"{100 * least:.0f} % beyond chance are needed"
+        return (
+            ""
+            if self._likely(problem, model_fit, [item], least)
+            else f"{100 * least:.0f} % beyond chance are needed"
+        )
 
     def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         return max(fitted, key=lambda item: item.gain)
@@ -283,20 +294,69 @@ def beyond_chance_by(policy: Policy, item: ScreenedCandidate) -> float:
     return max(item.z, item.evenly if item.gain >= policy.clear_single_gain else 0.0)
 
 
+def no_accident(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:
+    """Whether a gain is beyond its scatter over chunks; or beyond that of errors whose chunks have random signs.
+
+    What shows in a few quick strokes only gains there alone, and its scatter over all chunks is the effect's own: a
+    single one of n is never beyond one standard error, however large. Of such an error the strokes have to agree. That
+    is no chance, and no more: what the law of another effect leaves agrees in every stroke, too.
+    """
+    policy = problem.policy
+    least = policy.apart_z if problem.data.periodic else policy.least_z_single
+    if beyond_chance_by(policy, item) >= least:
+        return True
+    if problem.data.steady or model_fit.effects:
+        return False
+    return beats_signs(problem, model_fit.fitted, item.fitted, least)
+
+
+def beats_signs(problem: Problem, base: Fitted, candidate: Fitted, z: float) -> bool:
+    """Whether the candidate's columns explain more of the residual than of any with chunks of random signs.
+
+    So many of them as make it as improbable as so many standard errors.
+    """
+    chunks = chunks_held_out(problem)
+    draws = math.ceil(1.0 / float(scipy.stats.norm.sf(z)))
+    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], (len(chunks), draws))
+    errors = np.zeros((len(base.error), draws))
+    for rows, sign in zip(chunks, signs, strict=True):
+        errors[rows] = base.error[rows, None] * sign
+    real, chance = _gains(problem, base, candidate, errors)
+    return bool(real > chance.max())
+
+
 def matters(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:
     """Whether the effect is large enough: less is as often the measurement chain as the axis.
 
-    Not where a law gives the demand to rounding from what was recorded: then the columns are what acted and what was
-    read, and the twin does to them all that scaling, filters and rounding do. What such an effect gains must be no
-    presliding by another law.
+    No size is asked of what gains beside all that a chain could make (`beyond_chain`); but it is beside another effect,
+    whose law is not quite the axis's and leaves as little. Nor is one where a law gives the demand to rounding from
+    what was recorded: then the columns are what acted and what was read, and the twin does to them all that scaling,
+    filters and rounding do; what such an effect gains must be no presliding by another law.
     """
     policy, law = problem.policy, problem.controller
     part = part_of_torque(problem, model_fit, item)
     clear = item.gain >= policy.clear_single_gain and beyond_chance_by(policy, item) >= policy.least_z
     if part >= (policy.clear_single_part if clear else policy.least_part):
         return True
-    known = problem.twin and law is not None and law.exact and not bends(EFFECTS[item.effect])
-    return known and while_sliding(problem, model_fit, item)
+    if bends(EFFECTS[item.effect]):
+        return False
+    known = problem.twin and law is not None and law.exact
+    if known and while_sliding(problem, model_fit, item):
+        return True
+    return not model_fit.effects and beyond_chain(problem, model_fit.fitted, item)
+
+
+def beyond_chain(problem: Problem, base: Fitted, item: ScreenedCandidate) -> bool:
+    """Whether a candidate gains beyond chance what no measurement chain could make (`beside_chain`)."""
+    policy, beside = problem.policy, beside_chain(problem, base, item.fitted, item.effect)
+    if beside is None:
+        return False
+    sliding, before, after = beside
+    unseen = [held_out(sliding, one.error, one.jacobian) for one in (before, after)]
+    gain, z = gain_and_z(*unseen)
+    if gain < policy.least_gain_single:
+        return False
+    return z >= policy.least_z_single or beats_signs(sliding, before, after, policy.least_z_single)
 
 
 def while_sliding(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:
@@ -326,19 +386,19 @@ def part_of_torque(problem: Problem, model_fit: ModelFit, item: ScreenedCandidat
 
 def beats_chance(problem: Problem, base: Fitted, candidate: Fitted) -> bool:
     """Whether the candidate's columns explain more of the residual than of randomised ones."""
-    count = base.jacobian.shape[1]
-    columns = np.hstack([base.jacobian, candidate.jacobian[:, count:]])
-    real = _gain(problem, base.error, base.jacobian, columns)
     random = np.random.default_rng(SEED)
-    chance = [
-        _gain(problem, _randomised(problem, base.error, random), base.jacobian, columns)
-        for _ in range(SURROGATES)
-    ]
+    errors = np.column_stack([_randomised(problem, base.error, random) for _ in range(SURROGATES)])
+    real, chance = _gains(problem, base, candidate, errors)
     return real > float(np.percentile(chance, 100.0 * problem.policy.surrogates_beaten))
 
 
-def _gain(problem: Problem, error: Floats, base: Floats, columns: Floats) -> float:
-    return gain_and_z(held_out(problem, error, base), held_out(problem, error, columns))[0]
+def _gains(problem: Problem, base: Fitted, candidate: Fitted, errors: Floats) -> tuple[float, Floats]:
+    """What the candidate's columns gain on stretches held out, of the base's error and of others, shape (m, k)."""
+    columns = np.hstack([base.jacobian, candidate.jacobian[:, base.jacobian.shape[1] :]])
+    table = np.column_stack([base.error, errors])
+    before, after = (left_unseen(problem, table, one) for one in (base.jacobian, columns))
+    gains = 1.0 - after / np.maximum(before, 1e-300)
+    return float(gains[0]), gains[1:]
 
 
 def _randomised(problem: Problem, error: Floats, random: np.random.Generator) -> Floats:

@@ -1,8 +1,14 @@
-"""Could a single recording show an effect, with the parameters that were fitted? And is the torque just the controller?
+"""Could a single recording show an effect, with the parameters that were fitted? Or is it the measurement chain, or the
+controller?
 
 A fit whose parameters lie where the recording cannot show the effect is something else in disguise: play below the
 encoder's count, a warming within seconds, a resonance beyond what is compared. What an effect needs is among the
 traits of its `Kind`.
+
+A measurement chain delays, filters, bends a sensor's line, and its zero wanders. To first order each of these is a
+column of its own beside the model, made of the torque that the model needs (free of the noise of what was recorded).
+What an effect still gains once these are projected out of error and sensitivities alike (Frisch and Waugh 1933) is no
+chain's, however small it is.
 
 In closed loop two laws hold at once: the torque is what the axis needs, and what the controller makes of reference and
 position. Where the reference causes the motion the first can be found in spite of the second, but for effects that are
@@ -13,6 +19,7 @@ another axis) the torque is the controller's answer to it and says nothing of th
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -22,11 +29,15 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import ScreenedCandidate
 from autotune.estimation.bandwidth import loud_below
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.cross_validation import beyond_presliding
 from autotune.estimation.data import FASTEST, Prepared, compared_below, filtered_motion
+from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
-from autotune.estimation.residual import smoothed
+from autotune.estimation.residual import raw_residual, smoothed
+from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
+from autotune.models.layout import flag
 from autotune.models.table import EFFECTS, names
 
 FLANK = 3.0
@@ -36,6 +47,8 @@ STILL, SHORTEST_REST = 0.002, 0.05
 """Of the largest speed: slower is rest; and the time [s] that a reversal takes too."""
 TIME_CONSTANTS = 2.0
 """Of a warming: a recording that holds fewer shows a slope."""
+APART, NEAR = 0.5, 1e-5
+"""Of a count, and of the travel where none is known: by which places differ to tell how a torque changes over them."""
 LAGS = 4
 LOOP_LIKE = names(kind for kind in EFFECTS.values() if kind.loop_like)
 """Effects that are linear in the motion, as a controller is."""
@@ -51,6 +64,77 @@ def visible(problem: Problem, item: ScreenedCandidate) -> bool:
     if too_slow and not kind.of_place:
         return False
     return _parameters_in_sight(problem, kind, item.fitted.packed.p)
+
+
+def beside_chain(
+    problem: Problem, base: Fitted, candidate: Fitted, effect: str
+) -> tuple[Problem, Fitted, Fitted] | None:
+    """Model and candidate without all that a measurement chain could make, in error and sensitivities.
+
+    With the problem where the contact slides: what a chain does to a reversal is no column of first order. None where
+    the axis hardly slides.
+    """
+    sliding = beyond_presliding(problem, base.packed)
+    if sliding is None:
+        return None
+    chain = np.hstack([of_chain(problem, base.packed), read_as(problem, candidate, effect)])
+    weight = np.sqrt(sliding.training)[:, None]
+    chain = chain / np.maximum(np.linalg.norm(weight * chain, axis=0), 1e-300)
+
+    def without(values: Floats) -> Floats:
+        table = values.reshape(len(values), -1)
+        slope = np.linalg.lstsq(weight * chain, weight * table, rcond=1e-10)[0]
+        return np.asarray((table - chain @ slope).reshape(values.shape))
+
+    both = [
+        replace(one, error=without(one.error), jacobian=without(one.jacobian)) for one in (base, candidate)
+    ]
+    return sliding, both[0], both[1]
+
+
+def of_chain(problem: Problem, packed: Packed) -> Floats:
+    """What a measurement chain may add to the torque that a model needs, on the grid, shape (m, 8).
+
+    Its change with time (a delay), and the change of that (a filter, a compliance before the encoder); its size,
+    square, cube and sign (gains that differ by direction, a bent line, a dead band); and a zero that wanders.
+    """
+    data = problem.data
+    needed = problem.moved.torque - raw_residual(data, packed, problem.moved)
+    first = _change(data, needed)
+    second = _change(data, first)
+    parts = (first, second, np.abs(needed), needed**2, needed**3, np.sign(needed))
+    time = data.time[data.grid] - data.time[data.grid].mean()
+    return np.column_stack([*(smoothed(data, part) for part in parts), time, time**2])
+
+
+def read_as(problem: Problem, candidate: Fitted, effect: str) -> Floats:
+    """Torques of an encoder that errs over the place as an effect's torque does, on the grid, shape (m, 0 or 2).
+
+    In its phase and beside it: the lines of an encoder that interpolates are waves over place, as those of a motor are,
+    but what they add to the acceleration grows with the square of the speed.
+    """
+    data, kind = problem.data, EFFECTS[effect]
+    if kind.kernels.torque is None:
+        return np.zeros((len(data.grid), 0))
+    p, on = candidate.packed.p, candidate.packed.on.copy()
+    on[flag(effect)] = False
+    step = APART * data.resolution if data.resolution > 0.0 else NEAR * float(np.ptp(data.position))
+
+    def over(place: Floats) -> Floats:
+        moved = replace(problem.moved, position=place)
+        return raw_residual(data, Packed(p, on), moved) - raw_residual(data, candidate.packed, moved)
+
+    place = problem.moved.position
+    waves = over(place), over(place + step) - over(place - step)
+    return np.column_stack([smoothed(data, _change(data, _change(data, wave))) for wave in waves])
+
+
+def _change(data: Prepared, values: Floats) -> Floats:
+    """By time, sample by sample within each stretch, shape (n,)."""
+    change = np.zeros_like(values)
+    for stretch in data.stretches:
+        change[stretch.rows] = np.gradient(values[stretch.rows], data.period)
+    return change
 
 
 def flank_in_sight(problem: Problem, model_fit: ModelFit) -> bool:
