@@ -32,6 +32,7 @@ from autotune.diagnosis.wording import (
     OTHER_BENDING,
     OTHER_CLIMB,
     OTHER_CURVE,
+    WIDE_CONTACTS,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import CONTACT, best_contact, usually_damped
@@ -40,6 +41,7 @@ from autotune.estimation.problem import Problem, base_free, creep_free, curve_fr
 from autotune.models import layout
 from autotune.models.drive_model import BRISTLES_CURVE, CREEP, CURVE, FADING, Packed
 from autotune.models.effect import Kind
+from autotune.models.reversal_memory import beyond_a_decade
 from autotune.models.table import EFFECTS
 
 FADES = (3e-3, 1e-2, 3e-2, 1e-1)
@@ -182,6 +184,11 @@ def _creeps_note(packed: Packed, motion_unit: str) -> str:
     return NO_STATIC_FRICTION.format(speed=float(packed.p[layout.CREEP_VELOCITY]), unit=f"{motion_unit}/s")
 
 
+def many_contacts_note(packed: Packed) -> str:
+    """The sentence on friction of many contacts (`of_many`), by how far the last of them go."""
+    return WIDE_CONTACTS if beyond_a_decade(packed.p) else MANY_CONTACTS
+
+
 def _fades_note(packed: Packed, motion_unit: str) -> str:
     return FADING_DAMPING.format(speed=float(packed.p[layout.DAMPING_VELOCITY]), unit=f"{motion_unit}/s")
 
@@ -200,7 +207,7 @@ CLIMB_LAW = BaseLaw(
     with_climb,
     without_climb,
     ELEMENT_SLOTS,
-    lambda packed, _: MANY_CONTACTS if of_many(packed) else OTHER_CLIMB,
+    lambda packed, _: many_contacts_note(packed) if of_many(packed) else OTHER_CLIMB,
 )
 CURVE_LAW = BaseLaw(
     "another curve of presliding",

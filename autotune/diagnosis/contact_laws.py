@@ -41,6 +41,7 @@ from autotune.models.reversal_memory import (
     REVERSAL_MEMORY,
     YIELDING,
     as_one_bristle,
+    beyond_a_decade,
     climbing,
     closes_loops,
     contact_remembers,
@@ -154,7 +155,17 @@ def _of_many(problem: Problem, model_fit: ModelFit, before: ModelFit) -> ModelFi
     if many is None or not closes_loops(many.fitted.packed.p) or not asked_for(problem, before, many):
         return None
     many = _off_the_raster(problem, many) or many
-    return many if of_many(many.fitted.packed) and not remembers_beyond(problem, many) else None
+    told = of_many(many.fitted.packed) and _may_go_on(problem, many.fitted.packed.p)
+    return many if told and not remembers_beyond(problem, many) else None
+
+
+def _may_go_on(problem: Problem, p: Floats) -> bool:
+    """Whether many contacts end within a decade, or the encoder shows that no part of what goes on beyond it forgets.
+
+    On a way that it cannot see a bristle and elements are one, and what goes on may be a memory beside a bristle.
+    """
+    _, reach = as_one_bristle(p)
+    return not beyond_a_decade(p) or reach > problem.policy.least_counts * problem.data.resolution
 
 
 def _off_the_raster(problem: Problem, many: ModelFit) -> ModelFit | None:

@@ -56,6 +56,13 @@ MANY_CONTACTS = (
     "way on which friction comes to two thirds of its level. This is ordinary for plain and rolling guides, the base "
     "model's presliding by another law and no effect that is missing; it was fitted beside all else."
 )
+WIDE_CONTACTS = (
+    "After a reversal friction climbs by another curve than the exponential of a bristle: as the sum of many contacts "
+    "that let go one after another, so that small loops close where they began. The last of them slide only beyond ten "
+    "times the way on which friction comes to two thirds of its level, without a gap before them: whether they are the "
+    "contact's own or a reversal memory beside it no such data tell. They are taken for its own, the base model's "
+    "presliding by another law; it was fitted beside all else."
+)
 OTHER_BENDING = (
     "After a reversal or a rest the contact bends by another curve than a bristle's: elastic for longer, or letting go "
     "sooner, as the laws of Dahl, Bouc and Wen, and elastic-then-plastic ones have it. This is the base model's "

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -197,7 +198,7 @@ SMALL_LOOP = (-1.2, 0.6, -0.6)
 A_BRISTLE_FORGETS, HALF = 0.0743, 0.5
 """Of its level: what a LuGre bristle is off where that loop should close; and how much of it is next to nothing."""
 DECADE = 10.0
-"""Times the way to 1 − 1/e of the level: beyond it no contact climbs, however many asperities it has."""
+"""Times the way to 1 − 1/e of the level: so far a sum of contacts climbs at least, however few of them can be told."""
 IN_USE = 0.05
 """Of what all elements carry: an element that carries more may be moved."""
 
@@ -260,11 +261,33 @@ def of_many_contacts(p: Floats) -> bool:
     """Whether all friction is a sum of many contacts that let go within their own presliding (Maxwell slip).
 
     So it is where the contact itself remembers: small loops close where they began, as those of a bristle do not, and
-    within a decade of the way on which it climbs it has come to within a hundredth of its level. Elements beside a
-    contact that forgets are an effect, and so are those that go on beyond.
+    where it ends (`_ends_at`) it has come to within a hundredth of its level. Elements beside a contact that forgets
+    are an effect, and so are those that go on beyond.
     """
-    left = 1.0 - _carried(p, DECADE * _way_to(p, ONE_REACH)) / _level(p)
-    return left < HUNDREDTH and closes_loops(p)
+    return 1.0 - _carried(p, _ends_at(p)) / _level(p) < HUNDREDTH and closes_loops(p)
+
+
+def beyond_a_decade(p: Floats) -> bool:
+    """Whether some of many contacts (`of_many_contacts`) let go only beyond a decade of the way on which most climb."""
+    return 1.0 - _carried(p, DECADE * _way_to(p, ONE_REACH)) / _level(p) >= HUNDREDTH
+
+
+def _ends_at(p: Floats) -> float:
+    """Way on which a sum of many contacts ends [rad or m]: a decade, and on as long as no gap parts the next of them.
+
+    So where they stand in the place of the bristle (`attraction`). An element joins the one before where even a single
+    bristle that bends on the other's way would still climb.
+    """
+    end = DECADE * _way_to(p, ONE_REACH)
+    if p[ATTRACTION] == 0.0:
+        return end
+    reach, torque = _used(p)
+    ways = np.sort(reach[torque > HUNDREDTH * _level(p)])
+    for before, after in pairwise(ways):
+        if after > max(end, CLIMBS * before):
+            break
+        end = max(end, float(after))
+    return end
 
 
 def closes_loops(p: Floats) -> bool:
@@ -367,7 +390,7 @@ def climbing(p: Floats) -> tuple[list[int], float]:
     used = np.flatnonzero(reach > 0.0)
     way = CLIMBS * max(_level(p) / _stiffness(p), _way_to(p, ONE_REACH))
     if longest_displacement(p) > way and of_many_contacts(p):
-        way = max(way, DECADE * _way_to(p, ONE_REACH))
+        way = max(way, _ends_at(p))
     return [int(i) + 1 for i in used if reach[i] <= way], way
 
 

@@ -18,9 +18,11 @@ from autotune.models.model_file import model_text, parse_model, read_model, writ
 from autotune.models.reversal_memory import (
     A_BRISTLE_FORGETS,
     AT_ONCE,
+    ATTRACTION,
     DAMPING,
     REMEMBERS,
     REVERSAL_MEMORY,
+    beyond_a_decade,
     climbing,
     closes_loops,
     contact,
@@ -176,6 +178,36 @@ def test_elements_within_a_decade_are_the_contact_where_no_part_of_it_forgets(
         p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
     assert closes_loops(p) is (forgets == 0.0)
     assert climbing(p)[0] == kept
+
+
+JOINED = [(0.67, 0.12), (0.99, 0.56), (2.7, 0.07), (5.9, 0.19), (11.4, 0.06)]
+"""Contacts over a decade and a half: more than a hundredth is left beyond ten times the way to two thirds."""
+
+
+@pytest.mark.parametrize(
+    ("elements", "attraction", "many"),
+    [
+        (JOINED, AT_ONCE, True),  # in the place of the bristle
+        (JOINED, 0.0, False),  # beside one: they may be an effect
+        ([*JOINED, (80.0, 0.05)], AT_ONCE, False),  # a gap of seven: something else
+        ([*JOINED, (30.0, 0.005), (80.0, 0.05)], AT_ONCE, False),  # next to nothing bridges no gap
+        ([*JOINED[:3], (60.0, 0.25)], AT_ONCE, False),
+    ],
+)
+def test_contacts_that_join_each_other_without_a_gap_are_one_base(
+    elements: list[tuple[float, float]], attraction: float, many: bool
+) -> None:
+    p = base_model(NOMINAL).pack().p
+    p[layout.COULOMB], p[layout.STIFFNESS], p[ATTRACTION] = 1e-3, 1e-1, attraction
+    for number, (displacement, torque) in enumerate(elements, 1):
+        p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
+        p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
+    assert beyond_a_decade(p)
+    assert closes_loops(p)
+    assert of_many_contacts(p) is many
+    numbers, way = climbing(p)
+    assert (len(numbers) == len(elements)) is many
+    assert not many or way == pytest.approx(11.4)
 
 
 def slid(p: Floats, state: Floats, more: float, duration: float) -> float:
