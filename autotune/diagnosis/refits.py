@@ -76,30 +76,28 @@ def inside_twin(
         settled = fit_from_starts(problem, starts, enough, fitted.free, effects, target)
     else:
         settled = fit_inside_twin(problem, fitted.packed, fitted.free, 2, effects, fitted)
+    if settled is None:
+        return None
     if not problem.two_masses(fitted.packed):
-        settled = _as_promised(problem, model_fit, fitted, effects, settled)
-    return None if settled is None else judged(problem, root, settled, candidate.effect, model_fit)
+        settled = _as_promised(problem, model_fit, fitted, settled)
+    return judged(problem, root, settled, candidate.effect, model_fit)
 
 
-def _as_promised(
-    problem: Problem, before: ModelFit, screened: Fitted, effects: tuple[str, ...], settled: ModelFit | None
-) -> ModelFit | None:
+def _as_promised(problem: Problem, before: ModelFit, screened: Fitted, settled: ModelFit) -> ModelFit:
     """The fit begun in the contact that was known `before`, where it leaves clearly more than was promised.
 
     A candidate is screened beside the bias of the model that lacks it: of a twin that rests and turns round where
     another friction holds it. There stiffness and damping in presliding make the torque, and are led to what makes up
-    for that bias. Inside the twin, with a bias of its own, no way may lead back; or it is unstable there.
+    for that bias. Inside the twin, with a bias of its own, no way may lead back.
     """
     slots = [one.slot for one in screened.free if one.name in CONTACT]
-    least = problem.policy.clearly_less * settled.fitted.cost if settled is not None else math.inf
-    if not (problem.twin and slots and screened.cost < least):
+    promised = screened.cost < problem.policy.clearly_less * settled.fitted.cost
+    if not (problem.twin and slots and promised):
         return settled
     p = screened.packed.p.copy()
     p[slots] = before.fitted.packed.p[slots]
-    again = fit_inside_twin(problem, Packed(p, screened.packed.on), screened.free, 2, effects)
-    if settled is None or (again is not None and again.fitted.cost < settled.fitted.cost):
-        return again
-    return settled
+    again = fit_inside_twin(problem, Packed(p, screened.packed.on), screened.free, 2, settled.effects)
+    return again if again is not None and again.fitted.cost < settled.fitted.cost else settled
 
 
 def judged(
