@@ -129,7 +129,7 @@ def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | No
     by its size over speed it differs from a torque over place, which must predict experiments held out less well.
 
     At a constant speed every wave of the axis has another beside it that is the same at the samples: of more waves, by
-    as many as pass between two of them. So where a wave of fewer periods stands out more, it is asked beside that.
+    as many as pass between two of them. So where a wave of fewer periods stands out more, it must gain beside that too.
     """
     data = problem.data
     if not data.repeated or data.steady or data.reading is not None:
@@ -139,22 +139,33 @@ def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | No
     line = strongest_line(data.measured, bent, (finer, finest), problem.policy.line_contrast)
     if line is None:
         return None
+    found = max(
+        (_read(problem, model_fit, line.wavenumber / times) for times in (1.0, 2.0)), key=lambda one: one.gain
+    )
+    if not _is_known(problem, found):
+        return None
     coarse = strongest_line(
         data.measured, bent, (2.0 * math.pi / problem.scales.travel, finer), line.contrast
     )
-    beside = None if coarse is None else np.hstack(_waves(problem, model_fit, coarse.wavenumber))
-    found = max(
-        (_read(problem, model_fit, line.wavenumber / times, beside) for times in (1.0, 2.0)),
-        key=lambda one: one.gain,
-    )
-    known = found.gain >= problem.policy.least_gain and problem.policy.no_chance(found.gain, found.z)
-    if not known or found.gain <= found.as_torque or found.wave.steepest >= 1.0:
-        return None
+    if coarse is not None:
+        beside = np.hstack(_waves(problem, model_fit, coarse.wavenumber))
+        beside /= np.maximum(
+            np.std(beside, axis=0), 1e-300
+        )  # a fit of experiments held out knows of no sizes
+        if not _is_known(problem, _read(problem, model_fit, found.wave.wavenumber, beside)):
+            return None
     data = read_without(data, found.wave)
     problem = replace(problem, data=data, moved=measured_motion(data))
     packed = model_fit.fitted.packed
     problem = replace(problem, disturbance=estimate_disturbance(problem, packed))
     return with_expected_noise(problem, packed)
+
+
+def _is_known(problem: Problem, found: _Read) -> bool:
+    """Whether an error of the reading gains beyond chance, and more than a torque over place does."""
+    policy = problem.policy
+    known = found.gain >= policy.least_gain and policy.no_chance(found.gain, found.z)
+    return known and found.gain > found.as_torque and found.wave.steepest < 1.0
 
 
 def _bent(problem: Problem, error: Floats) -> Floats:
@@ -191,7 +202,7 @@ class _Read:
     as_torque: float
 
 
-def _read(problem: Problem, model_fit: ModelFit, wavenumber: float, beside: Floats | None) -> _Read:
+def _read(problem: Problem, model_fit: ModelFit, wavenumber: float, beside: Floats | None = None) -> _Read:
     """The error of a reading that has so many radians per motion unit, by the slopes of what the model leaves.
 
     `beside`: columns of another wave, shape (m, k); the slopes are those beside it.
@@ -203,11 +214,12 @@ def _read(problem: Problem, model_fit: ModelFit, wavenumber: float, beside: Floa
     weight = problem.training
     table = np.hstack([fitted.jacobian, known, columns])
     sizes = np.maximum(np.sqrt(weight @ table**2 / weight.sum()), 1e-300)
-    root = np.sqrt(weight)
-    steps = np.linalg.lstsq(root[:, None] * table / sizes, root * fitted.error, rcond=None)[0]
+    table, root = table / sizes, np.sqrt(weight)
+    steps = np.linalg.lstsq(root[:, None] * table, root * fitted.error, rcond=None)[0]
     parts = -(steps / sizes)[-4:]
     gains = [
-        gain_and_z(before, with_columns(problem, fitted, np.hstack([known, one]))) for one in (columns, waves)
+        gain_and_z(before, with_columns(problem, fitted, np.hstack([known, one])))
+        for one in (table[:, -4:], waves)
     ]
     return _Read(ReadingWave(wavenumber, tuple(parts.tolist())), *gains[0], gains[1][0])
 
