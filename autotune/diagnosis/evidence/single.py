@@ -299,13 +299,14 @@ def no_accident(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) 
 
     What shows in a few quick strokes only gains there alone, and its scatter over all chunks is the effect's own: a
     single one of n is never beyond one standard error, however large. Of such an error the strokes have to agree. That
-    is no chance, and no more: what the law of another effect leaves agrees in every stroke, too.
+    is no chance, and no more: what the law of another effect leaves agrees in every stroke, too; and of one motion that
+    comes again and again all strokes agree about whatever is learned by heart.
     """
     policy = problem.policy
     least = policy.apart_z if problem.data.periodic else policy.least_z_single
     if beyond_chance_by(policy, item) >= least:
         return True
-    if problem.data.steady or model_fit.effects:
+    if problem.data.steady or problem.data.periodic or model_fit.effects:
         return False
     return beats_signs(problem, model_fit.fitted, item.fitted, least)
 
