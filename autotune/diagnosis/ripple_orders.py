@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from autotune.core.arrays import Floats, Integers
+from autotune.core.arrays import Flags, Floats, Integers
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.least_squares import covariance
 from autotune.estimation.problem import Problem
@@ -85,22 +85,20 @@ def find_orders(
     basis = np.linalg.qr(basis)[0]
     error = error - basis @ (basis.T @ error)
     waves = _Waves(problem, angle, rows)
-    table = waves.table(orders)
-    far = np.ones(len(orders), dtype=np.bool_)
-    for other in present:
-        far &= np.abs(orders - other) > SAME * tells
+    raster = _Raster(waves, orders, waves.table(orders), basis, error, tells)
+    far = raster.apart_from(present)
     surprising = scipy.stats.chi2.ppf(1.0 - CHANCE / len(orders), 2) / scipy.stats.chi2.median(2)
     contrast = max(LINE_CONTRAST, float(surprising))
     found: list[float] = []
     trial: list[float] = []
     left, beside_found = error, basis
-    gains = np.where(far, _gains(table, basis, error), 0.0)
+    gains = np.where(far, _gains(raster.table, basis, error), 0.0)
     while len(trial) < min(most, MOST_LINES) and np.max(gains) >= LEAST_LINE_GAIN:
         order = waves.refined(float(orders[int(np.argmax(gains))]), SPACING * tells, beside_found, left)
         before = float(left @ left)
-        trial, beside_found, left = waves.together([*trial, order], SPACING * tells, basis, error)
+        trial, beside_found, left = raster.together([*trial, order])
         order, rest = trial[-1], float(left @ left)
-        beside = np.where(far, _gains(table, beside_found, left), 0.0)
+        beside = np.where(far, _gains(raster.table, beside_found, left), 0.0)
         slid = any(abs(order - other) <= SAME * tells for other in present)
         if slid or order < orders[0]:  # to one in the model; a wave that slides below is the imbalance's
             break
@@ -116,9 +114,9 @@ def find_orders(
             found = trial
         elif len(trial) - len(found) > AHEAD or min(new) < MANY * tells:
             break
-        far &= np.abs(orders - order) > SAME * tells
+        far &= raster.apart_from([order])
         gains = np.where(far, beside, 0.0)
-    return _in_turn(_Raster(waves, orders, table, basis, error, tells), found, present, contrast)
+    return _in_turn(raster, found, present, contrast)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,12 +137,16 @@ class _Raster:
     def together(self, lines: list[float]) -> tuple[list[float], Floats, Floats]:
         return self.waves.together(lines, SPACING * self.tells, self.basis, self.error)
 
-    def gains(self, lines: list[float], beside: Floats, left: Floats) -> Floats:
-        """Of all orders that are none of the lines, beside them."""
+    def apart_from(self, lines: list[float]) -> Flags:
+        """Orders that the travel can tell from all of the lines."""
         far = np.ones(len(self.orders), dtype=np.bool_)
         for other in lines:
             far &= np.abs(self.orders - other) > SAME * self.tells
-        return np.where(far, _gains(self.table, beside, left), 0.0)
+        return far
+
+    def gains(self, lines: list[float], beside: Floats, left: Floats) -> Floats:
+        """Of all orders that are none of the lines, beside them."""
+        return np.where(self.apart_from(lines), _gains(self.table, beside, left), 0.0)
 
 
 def _in_turn(raster: _Raster, lines: list[float], present: list[float], contrast: float) -> list[float]:

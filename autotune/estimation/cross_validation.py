@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats, Integers
 from autotune.estimation.coordinates import (
@@ -44,44 +47,45 @@ class Unseen:
 
 def held_out(problem: Problem, error: Floats, columns: Floats) -> Unseen:
     """Leave one experiment (or range of phases) out: the rest refits the columns, linearised, and predicts it."""
-    weight = problem.training
-    inner = columns.T @ (columns * weight[:, None])
-    ridge = 1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner))
-    slope = columns.T @ (error * weight)
-    chunks: list[float] = []
-    fold, fitted = problem.data.folds, problem.data.role(TRAINING)
-    for number in np.unique(fold[fitted]):
-        rows = np.flatnonzero(fitted & (fold == number))
-        part = columns[rows]
-        left = inner - part.T @ (part * weight[rows, None]) + ridge
-        change = -np.linalg.solve(left, slope - part.T @ (error[rows] * weight[rows]))
-        rest = weight[rows] * (error[rows] + part @ change) ** 2
-        chunks += [float(c.sum()) for c in np.array_split(rest, max(1, len(rest) // CHUNK))]
-    return Unseen(np.array(chunks))
+    rests = _rests_unseen(problem, error, columns)
+    return Unseen(np.array([float(chunk.sum()) for rest in rests for chunk in _in_chunks(rest)]))
 
 
 def chunks_held_out(problem: Problem) -> list[Integers]:
     """Rows of each chunk of `held_out`, in its order."""
-    fold, fitted = problem.data.folds, problem.data.role(TRAINING)
-    rows = (np.flatnonzero(fitted & (fold == number)) for number in np.unique(fold[fitted]))
-    return [chunk for part in rows for chunk in np.array_split(part, max(1, len(part) // CHUNK))]
+    return [chunk for rows in _folds(problem) for chunk in _in_chunks(rows)]
 
 
 def left_unseen(problem: Problem, errors: Floats, columns: Floats) -> Floats:
     """What `held_out` leaves in all of several errors, shape (m, k) → (k,)."""
+    left = np.zeros(errors.shape[1])
+    for rest in _rests_unseen(problem, errors, columns):
+        left += np.sum(rest, axis=0)
+    return left
+
+
+def _folds(problem: Problem) -> Iterator[Integers]:
+    """Rows of each experiment (or range of phases) that is held out in turn."""
+    fold, fitted = problem.data.folds, problem.data.role(TRAINING)
+    return (np.flatnonzero(fitted & (fold == number)) for number in np.unique(fold[fitted]))
+
+
+def _in_chunks(values: NDArray[Any]) -> list[NDArray[Any]]:
+    return np.array_split(values, max(1, len(values) // CHUNK))
+
+
+def _rests_unseen(problem: Problem, error: Floats, columns: Floats) -> Iterator[Floats]:
+    """Of each fold its weighted squared error, predicted by a refit of the others; `error`: shape (m,) or (m, k)."""
     weight = problem.training[:, None]
     inner = columns.T @ (columns * weight)
     ridge = 1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner))
-    slope = columns.T @ (errors * weight)
-    fold, fitted = problem.data.folds, problem.data.role(TRAINING)
-    left = np.zeros(errors.shape[1])
-    for number in np.unique(fold[fitted]):
-        rows = np.flatnonzero(fitted & (fold == number))
-        part, own = columns[rows], errors[rows]
+    own = weight if error.ndim > 1 else problem.training
+    slope = columns.T @ (error * own)
+    for rows in _folds(problem):
+        part = columns[rows]
         others = inner - part.T @ (part * weight[rows]) + ridge
-        change = -np.linalg.solve(others, slope - part.T @ (own * weight[rows]))
-        left += np.sum(weight[rows] * (own + part @ change) ** 2, axis=0)
-    return left
+        change = -np.linalg.solve(others, slope - part.T @ (error[rows] * own[rows]))
+        yield own[rows] * (error[rows] + part @ change) ** 2
 
 
 def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:

@@ -224,21 +224,21 @@ def _with_reading(problem: Problem, model_fit: ModelFit, *more: ReadingWave) -> 
     return problem, again
 
 
-def _taken_out(problem: Problem, model_fit: ModelFit, within: float) -> Problem:
-    """The problem without its encoder's error, which is found as it is, within so much [rad]."""
-    without = time_driven.without_reading_waves(problem, model_fit)
-    assert without is not None
-    found = without.data.reading
-    assert found is not None
-    assert found.wavenumber == pytest.approx(WAVE.wavenumber, rel=1e-3)
-    assert found.parts == pytest.approx(WAVE.parts, abs=within)
-    return without
+def _told(problem: Problem | None) -> tuple[float, tuple[float, ...]]:
+    """Wavenumber [rad/rad] and parts [rad] of the encoder's error that was found."""
+    assert problem is not None
+    assert problem.data.reading is not None
+    return problem.data.reading.wavenumber, problem.data.reading.parts
 
 
 def test_what_an_encoder_interpolates_is_taken_out(begun: tuple[Problem, ModelFit]) -> None:
     assert time_driven.without_reading_waves(*begun) is None
     problem, model_fit = _with_reading(*begun)
-    without = _taken_out(problem, model_fit, 1e-5)
+    without = time_driven.without_reading_waves(problem, model_fit)
+    wavenumber, parts = _told(without)
+    assert wavenumber == pytest.approx(WAVE.wavenumber, rel=1e-3)
+    assert parts == pytest.approx(WAVE.parts, abs=1e-5)
+    assert without is not None
     assert time_driven.without_reading_waves(without, model_fit) is None
     again = fit_inside_twin(without, model_fit.fitted.packed, list(model_fit.free), 2)
     assert again is not None
@@ -248,7 +248,11 @@ def test_what_an_encoder_interpolates_is_taken_out(begun: tuple[Problem, ModelFi
 def test_what_an_encoder_interpolates_is_found_beside_a_coarse_wave(begun: tuple[Problem, ModelFit]) -> None:
     """An encoder off centre on a pinion: two waves a radian, ten times as large, are the axis's own and stay."""
     problem, model_fit = _with_reading(*begun, ReadingWave(2.0, (1.6e-3, 0.0, 0.0, 0.0)))
-    _taken_out(problem, model_fit, 2e-5)  # the coarse wave is in no model, and bends what is left
+    wavenumber, parts = _told(time_driven.without_reading_waves(problem, model_fit))
+    assert wavenumber == pytest.approx(WAVE.wavenumber, rel=1e-3)
+    assert parts == pytest.approx(WAVE.parts, abs=2e-5), (
+        "the coarse wave is in no model, and bends what is left"
+    )
 
 
 @pytest.mark.parametrize("aliased", [True, False])

@@ -353,8 +353,7 @@ def beyond_chain(problem: Problem, base: Fitted, item: ScreenedCandidate) -> boo
     if beside is None:
         return False
     sliding, before, after = beside
-    unseen = [held_out(sliding, one.error, one.jacobian) for one in (before, after)]
-    gain, z = gain_and_z(*unseen)
+    gain, z = _gain_unseen(sliding, before, after)
     if gain < policy.least_gain_single:
         return False
     return z >= policy.least_z_single or beats_signs(sliding, before, after, policy.least_z_single)
@@ -365,9 +364,13 @@ def while_sliding(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate
     policy, sliding = problem.policy, beyond_presliding(problem, model_fit.fitted.packed)
     if sliding is None:
         return False
-    unseen = [held_out(sliding, one.error, one.jacobian) for one in (model_fit.fitted, item.fitted)]
-    gain, z = gain_and_z(*unseen)
+    gain, z = _gain_unseen(sliding, model_fit.fitted, item.fitted)
     return gain >= policy.least_gain_single and z >= policy.least_z_single
+
+
+def _gain_unseen(problem: Problem, before: Fitted, after: Fitted) -> tuple[float, float]:
+    """What one fit gains over another on stretches held out, and its z."""
+    return gain_and_z(*(held_out(problem, one.error, one.jacobian) for one in (before, after)))
 
 
 def halves_unseen(
