@@ -14,6 +14,7 @@ import numpy as np
 from bench.worlds import names, planting, sizes
 from bench.worlds.draw import draw_world, with_base
 from bench.worlds.play import RanAway
+from bench.worlds.steady import chatters
 from bench.worlds.world import World
 
 KINDS = ("single", "half", "null", "alien", "pair", "removed", "lone", "second", "disturbed")
@@ -106,7 +107,7 @@ def batch_hash(cases: list[Case]) -> str:
 
 
 def ready(case: Case, wanted: Wanted = ANY) -> Ready:
-    """The case's world: drawn again where the axis cannot show the effect, or the loop does not hold it.
+    """The case's world: drawn again where the axis cannot show the effect, chatters, or the loop does not hold it.
 
     Raises:
         RanAway: no world in a dozen.
@@ -145,6 +146,8 @@ def _attempt(case: Case, attempt: int, base: str) -> Ready | None:
         if abs(ratio / case.ratio - 1.0) > 2.0 * sizes.NEAR:
             return None
         ratios.append(ratio)
+    if chatters(world, noise):
+        return None
     return Ready(case, with_base(world, base), tuple(ratios), noise, attempt)
 
 

@@ -16,10 +16,11 @@ from bench.worlds.judge import lateness
 from bench.worlds.laws import faded, pulled
 from bench.worlds.lone import changed
 from bench.worlds.loop import LAG_TICKS, late
-from bench.worlds.names import EFFECTS, LAG, LAWS, RIPPLE, SPRING, STRIBECK
+from bench.worlds.names import EFFECTS, LAG, LAWS, LOAD, RIPPLE, SPRING, STRIBECK
 from bench.worlds.plant import STATES, rigid
 from bench.worlds.play import recording, run
 from bench.worlds.programme import Programme, programme, scale_of
+from bench.worlds.steady import chatters
 from bench.worlds.table import table
 from bench.worlds.world import Planted, World
 
@@ -217,3 +218,13 @@ def test_damping_fades_to_its_share_at_its_speed() -> None:
     assert faded(0, 2.0, 0.1, 5.0) == faded(1, 2.0, 0.1, 0.0) == 2.0
     assert faded(1, 2.0, 0.1, -0.1) == pytest.approx(2.0 / math.e)
     assert faded(2, 2.0, 0.1, 0.1) == pytest.approx(1.0)
+
+
+def test_an_axis_that_chatters_by_itself_is_drawn_again() -> None:
+    """Where friction is pressed by 1.7 · 0.6 of the torque that it takes itself, no damping holds it still."""
+    plain = quiet()
+    floor = 0.01 * plain.plant.coulomb
+    little = replace(plain, plant=replace(plain.plant, micro=0.1 * plain.plant.micro))
+    assert not chatters(replace(little, planted=(Planted(LOAD, 3, (0.1, 1.0)),)), floor)
+    assert chatters(replace(plain, planted=(Planted(LOAD, 3, (0.6, 1.0)),)), floor)
+    assert not chatters(plain, floor), "nothing is pressed there"
