@@ -59,6 +59,19 @@ def test_labels_name_the_experiments(tmp_path: Path, signals: dict[str, Floats])
     assert "experiment 'veto' only gates a verdict" in told
 
 
+def test_a_label_of_few_rows_is_told_by_its_row(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    """Its time has no gap, so that none is spoken of alone."""
+    rows = programme(signals)
+    rows[1000:1004] = [(t, "stop", *rest) for t, _, *rest in rows[1000:1004]]  # type: ignore[misc]
+    brought = bring_in(
+        write(tmp_path / "axis.csv", rows), columns=(*COLUMNS, "experiment=phase", "repeat=run")
+    )
+    told = next(line for line in brought.lines if "left out" in line)
+    assert "fewer than 10 rows" in told
+    assert "1, with 4 rows in all, from row 1001 on" in told
+    assert "changes of experiment" in told
+
+
 def test_a_column_with_the_recordings_own_name_is_taken(tmp_path: Path, signals: dict[str, Floats]) -> None:
     path = write(tmp_path / "axis.csv", programme(signals), HEAD.replace("phase", "experiment"))
     assert ("veto", 0) in segments(bring_in(path, columns=COLUMNS).recording)

@@ -139,9 +139,11 @@ def _long_enough(pieces: list[RegularPiece], path: Path, lines: list[str]) -> li
         raise RecordingError(
             f"{path}: no stretch of {LEAST_ROWS} rows without a gap in time; is the right column named as time?"
         )
-    if len(kept) < len(pieces):
+    short = [piece for piece in pieces if len(piece) < LEAST_ROWS]
+    if short:
         lines.append(
-            f"{len(pieces) - len(kept)} pieces of fewer than {LEAST_ROWS} rows between gaps are dropped"
+            f"stretches of fewer than {LEAST_ROWS} rows are left out: {len(short)}, with {sum(map(len, short))} rows "
+            f"in all, from row {short[0].row + 1} on; they lie between gaps in time or changes of experiment"
         )
     return kept
 
