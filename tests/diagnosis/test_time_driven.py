@@ -271,3 +271,20 @@ def test_a_wave_that_a_coarse_one_explains_is_not_taken_out(
         time_driven, "_waves", lambda p, m, k: own(p, m, alike if k == coarse.wavenumber else k)
     )
     assert (time_driven.without_reading_waves(problem, model_fit) is None) is aliased
+
+
+def _with_torques(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
+    """The axis with two waves of cogging near each other."""
+    place, size = problem.data.position, 0.05 * NOMINAL["coulomb"]
+    torque = problem.data.torque + size * (np.sin(50.4 * place) + 0.8 * np.cos(55.9 * place))
+    data = replace(problem.data, torque=torque)
+    problem = replace(problem, data=data, moved=measured_motion(data))
+    again = fit_inside_twin(problem, model_fit.fitted.packed, list(model_fit.free), 2)
+    assert again is not None
+    return problem, again
+
+
+def test_waves_of_a_torque_near_each_other_are_no_reading(begun: tuple[Problem, ModelFit]) -> None:
+    """One by one they predict nothing of experiments held out, where a reading's wave is small in the slow ones."""
+    assert time_driven._rather_torques(*_with_torques(*begun), 50.4)
+    assert not time_driven._rather_torques(*_with_torques(*_with_reading(*begun)), WAVE.wavenumber)

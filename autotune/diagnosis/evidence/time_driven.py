@@ -14,6 +14,8 @@ import numpy as np
 from scipy.signal import welch
 
 from autotune.core.arrays import Floats
+from autotune.diagnosis.ripple_orders import MOST_LINES
+from autotune.diagnosis.starts import Context
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import gain_and_z, of_friction, with_columns
 from autotune.estimation.data import TRAINING, Clocked, Prepared, ReadingWave, read_without
@@ -130,6 +132,8 @@ def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | No
 
     At a constant speed every wave of the axis has another beside it that is the same at the samples: of more waves, by
     as many as pass between two of them. So where a wave of fewer periods stands out more, it must gain beside that too.
+    And waves of a torque that are near each other predict nothing one by one: what gains nothing beside all that stand
+    out, which gain beside it, is one of them.
     """
     data = problem.data
     if not data.repeated or data.steady or data.reading is not None:
@@ -148,12 +152,11 @@ def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | No
         data.measured, bent, (2.0 * math.pi / problem.scales.travel, finer), line.contrast
     )
     if coarse is not None:
-        beside = np.hstack(_waves(problem, model_fit, coarse.wavenumber))
-        beside /= np.maximum(
-            np.std(beside, axis=0), 1e-300
-        )  # a fit of experiments held out knows of no sizes
+        beside = _alike_large(np.hstack(_waves(problem, model_fit, coarse.wavenumber)))
         if not _is_known(problem, _read(problem, model_fit, found.wave.wavenumber, beside)):
             return None
+    if _rather_torques(problem, model_fit, found.wave.wavenumber):
+        return None
     data = read_without(data, found.wave)
     problem = replace(problem, data=data, moved=measured_motion(data))
     packed = model_fit.fitted.packed
@@ -166,6 +169,33 @@ def _is_known(problem: Problem, found: _Read) -> bool:
     policy = problem.policy
     known = found.gain >= policy.least_gain and policy.no_chance(found.gain, found.z)
     return known and found.gain > found.as_torque and found.wave.steepest < 1.0
+
+
+def _rather_torques(problem: Problem, model_fit: ModelFit, wavenumber: float) -> bool:
+    """Whether waves of a torque that stand out of what is left gain beside a reading's, and that not beside them."""
+    fitted, policy = model_fit.fitted, problem.policy
+    context = Context(problem, fitted, fitted.packed)
+    lines = [order * context.angle for order in context.orders_in_residual(MOST_LINES)]
+    if not lines:
+        return False
+    read, torques = _waves(problem, model_fit, wavenumber)[0], _over_place_at(problem, lines)
+    both = [_alike_large(one) for one in (read, torques)]
+    beside = with_columns(problem, fitted, np.hstack(both))
+    of_torque, of_reading = (gain_and_z(with_columns(problem, fitted, one), beside) for one in both)
+    gains = [gain >= policy.least_gain and policy.no_chance(gain, z) for gain, z in (of_torque, of_reading)]
+    return gains == [True, False]
+
+
+def _over_place_at(problem: Problem, wavenumbers: Sequence[float]) -> Floats:
+    """Sine and cosine of a torque over the place of each wave, as the low-pass leaves them; shape (m, 2 · waves)."""
+    angles = np.outer(wavenumbers, problem.data.position)
+    waves = (wave for angle in angles for wave in (np.sin(angle), np.cos(angle)))
+    return np.column_stack([smoothed(problem.data, wave) for wave in waves])
+
+
+def _alike_large(columns: Floats) -> Floats:
+    """Columns as large as each other: a fit of experiments held out knows of no sizes."""
+    return np.asarray(columns / np.maximum(np.std(columns, axis=0), 1e-300))
 
 
 def _bent(problem: Problem, error: Floats) -> Floats:
@@ -235,9 +265,7 @@ def _waves(problem: Problem, model_fit: ModelFit, wavenumber: float) -> tuple[Fl
     for i, parts in enumerate(np.eye(4) * size):
         moved = read_without(data, ReadingWave(wavenumber, tuple(parts)))
         columns[:, i] = (residual(moved, fitted.packed, measured_motion(moved)) - plain) / size
-    angle = wavenumber * data.position[data.grid]
-    waves = np.column_stack([np.sin(angle), np.cos(angle), np.sin(2.0 * angle), np.cos(2.0 * angle)])
-    return columns, waves
+    return columns, _over_place_at(problem, [wavenumber, 2.0 * wavenumber])
 
 
 def louder_than_all(data: Prepared) -> bool:
