@@ -1,7 +1,8 @@
 """Friction that depends on the place: a tight spot, a worn stretch, a bearing that runs untrue.
 
-The friction level is multiplied by 1 + height·exp(−((q − centre)/width)²) + sin·sin(N·q) + cos·cos(N·q), and by a
-line through `rise_1` … at places that are evenly spaced, where its course is another.
+The friction level is multiplied by 1 + height·exp(−|(q − centre)/width|^edge) + sin·sin(N·q) + cos·cos(N·q), and by
+a line through `rise_1` … at places that are evenly spaced, where its course is another. With an edge of 2 the spot is a
+bell, with 1 a peak, with more a stretch with two flanks, each about 1/edge of the width long.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ _SCALE = scale_slot()
 LEAST_FACTOR = 0.05
 KNOTS = 21
 """Places of a course that is neither spot nor wave; where the first of them is, is free."""
+_EDGE = _AT + 8 + KNOTS
+BELL, STEEPEST = 2.0, 20.0
 
 
 @compiled
@@ -33,7 +36,10 @@ def place_factor(p: Floats, state: Floats, position: float) -> float:
     factor = 1.0
     if anywhere(p[_AT] != 0.0):
         ratio = (position - p[_AT + 1]) / p[_AT + 2]
-        factor += where(p[_AT] != 0.0, p[_AT] * math.exp(-ratio * ratio), 0.0)
+        power = ratio * ratio
+        if anywhere(p[_EDGE] != BELL):
+            power = where(p[_EDGE] != BELL, abs(ratio) ** p[_EDGE], power)
+        factor += where(p[_AT] != 0.0, p[_AT] * math.exp(-power), 0.0)
     if anywhere(p[_AT + 3] > 0.0):
         angle = p[_AT + 3] * p[_SCALE] * position
         factor += where(p[_AT + 3] > 0.0, p[_AT + 4] * math.sin(angle) + p[_AT + 5] * math.cos(angle), 0.0)
@@ -63,13 +69,14 @@ def starts(c: StartContext) -> Iterator[StartValues]:
 
 
 def free_shape(c: StartContext) -> StartValues:
-    """A line through places that are evenly spaced over the travel."""
+    """Other flanks of the spot, and a line through places that are evenly spaced over the travel."""
     low, high = float(np.min(c.position())), float(np.max(c.position()))
     step = (high - low) / (KNOTS - 2)
     values = {"from": low - 0.5 * step, "step": step}
     rises = {f"rise_{i}": 0.0 for i in range(1, KNOTS + 1)}
     raster = {"from": Vary(0.1 * step, 0.3 * step, low - step, low)}
-    return StartValues(values | rises, raster | {name: Vary(0.2, 0.5) for name in rises})
+    edge = {"edge": Vary(1.0, 2.0, 1.0, STEEPEST)}
+    return StartValues(values | rises, edge | raster | {name: Vary(0.2, 0.5) for name in rises})
 
 
 def _likeliest_spot(c: StartContext, low: float, high: float) -> tuple[float, float]:
@@ -101,6 +108,7 @@ POSITION_DEPENDENT_FRICTION = Kind(
             Parameter(f"rise_{i}", "1", 0.0, -0.95, 20.0, "relative rise there", _AT + 7 + i, True)
             for i in range(1, KNOTS + 1)
         ),
+        Parameter("edge", "1", BELL, 1.0, STEEPEST, "how steep its flanks are", _EDGE, True),
     ),
     looks_like="Friction is higher (or lower) at some places, in both directions: the band between "
     "forward and backward torque widens there.",

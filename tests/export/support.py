@@ -49,7 +49,7 @@ SHAPES: Mapping[str, Mapping[str, float]] = {
     "stribeck": {"stribeck_tail": 0.8},
     "direction_asymmetry": {"width": 0.05, "fast": 0.02, "fast_width": 1.0},
     "nonlinear_viscous": {"film_1": 0.03, "film_speed_1": 0.2, "fan_1": 0.002, "fan_speed_1": 2.0},
-    "position_dependent_friction": {"from": -1.0, "step": 1.0, "rise_1": 0.2, "rise_3": -0.1},
+    "position_dependent_friction": {"edge": 3.5, "from": -1.0, "step": 1.0, "rise_1": 0.2, "rise_3": -0.1},
     "gravity_imbalance": {"sin_2": 0.02, "cos_2": 0.01},
     "spring": {"from": -0.5, "step": 0.5, "ramp_1": 0.02, "ramp_3": 0.05},
     "reversal_memory": {"yielding": 0.7},

@@ -57,7 +57,8 @@ SHAPED: dict[str, dict[str, float]] = {
         "fan_speed_1": 2.0,
     },
     "position_dependent_friction": {
-        "height": 0.1, "centre": 0.5, "width": 0.8, "from": -1.0, "step": 1.0, "rise_1": 0.2, "rise_3": -0.1,
+        "height": 0.1, "centre": 0.5, "width": 0.8, "edge": 3.5, "from": -1.0, "step": 1.0, "rise_1": 0.2,
+        "rise_3": -0.1,
     },
     "gravity_imbalance": {"sin": 0.05, "cos": -0.03, "sin_2": 0.02, "cos_2": 0.01},
     "spring": {"stiffness": 0.01, "from": -0.5, "step": 0.5, "ramp_1": 0.02, "ramp_3": 0.05},
