@@ -21,17 +21,18 @@ from autotune.diagnosis.candidates import FittedCandidate, predicts_better
 from autotune.diagnosis.contact_laws import ROUNDS, resolved
 from autotune.diagnosis.refits import judged, taken_out
 from autotune.diagnosis.screening import generic_gains
-from autotune.diagnosis.starts import Context, own_course, varying
+from autotune.diagnosis.starts import Context, FitStart, own_course, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import DIFFERENCE, Free, followed
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import residuals, smoothed
 from autotune.models.drive_model import Packed
-from autotune.models.effect import Proportion
+from autotune.models.effect import Kind, Proportion
 from autotune.models.look_alikes import IN_TORQUE
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.spring import SPRING
+from autotune.models.start_values import StartValues
 from autotune.models.table import EFFECTS
 from autotune.signals.chunks import beyond_chance, by_second
 from autotune.signals.line_search import lowest
@@ -72,29 +73,35 @@ def with_free_shape(
 
 
 def _courses(problem: Problem, nominal: Packed, before: ModelFit, effect: str) -> Iterator[ModelFit | None]:
-    """Fits with the course of an effect free: beside its own law, and in the place of that where it may be left out.
+    """Fits with the course of an effect free: beside its own law, plainest first, and in the place of that where it may
+    be left out.
 
     From a smooth law, a course with a bend is not found: terms that begin at nothing beside it take what it leaves.
     """
     if effect == REVERSAL_MEMORY.name:
         yield resolved(problem, before)
         return
-    kind = EFFECTS[effect]
-    start = kind.free_shape(Context(problem, before.fitted, nominal)) if kind.free_shape else None
-    if start is None:
-        return
+    kind, context = EFFECTS[effect], Context(problem, before.fitted, nominal)
+    made = (shape(context) for shape in (kind.plain_shape, kind.free_shape) if shape is not None)
+    starts = [_freed(before, kind, start) for start in made if start is not None]
+    for start in starts:
+        yield fit_inside_twin(problem, start.packed, list(start.free), ROUNDS + 1, before.effects)
+    if kind.own_size and starts:
+        alone = starts[-1].packed.p.copy()
+        alone[kind.slot(kind.own_size)] = 0.0
+        packed = Packed(alone, before.fitted.packed.on)
+        yield fit_inside_twin(problem, packed, list(starts[-1].free), ROUNDS + 1, before.effects)
+
+
+def _freed(before: ModelFit, kind: Kind, start: StartValues) -> FitStart:
+    """A model with the course of one of its effects begun, and all that is free then."""
     p = before.fitted.packed.p.copy()
     for name, value in start.values.items():
         p[kind.slot(name)] = value
     shape = [varying(kind, name, vary) for name, vary in start.free.items()]
     slots = {one.slot for one in shape}
-    free = [*(one for one in before.free if one.slot not in slots), *shape]
-    yield fit_inside_twin(problem, Packed(p, before.fitted.packed.on), free, ROUNDS + 1, before.effects)
-    if kind.own_size:
-        alone = p.copy()
-        alone[kind.slot(kind.own_size)] = 0.0
-        packed = Packed(alone, before.fitted.packed.on)
-        yield fit_inside_twin(problem, packed, free, ROUNDS + 1, before.effects)
+    free = (*(one for one in before.free if one.slot not in slots), *shape)
+    return FitStart(Packed(p, before.fitted.packed.on), free)
 
 
 def any_course(problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:

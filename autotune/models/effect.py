@@ -153,6 +153,7 @@ class Kind:
             alone, as a shape of nothing leads anywhere.
         freed_later: name → how it varies, once a first fit is there.
         free_shape: what begins and varies beside its own law where that is another one: the same place, any course.
+        plain_shape: a part of that which is tried first, where a number or two make the law a family.
         own_size: what its own law is scaled by, where a free course is a sum beside that law and may do without it.
         terms: of what it is a sum of numbered terms; None where it is not.
         proportion: of two parts of its torque, by which a stranger's law is told from it; None where none has these.
@@ -199,6 +200,7 @@ class Kind:
     size: str = ""
     freed_later: Callable[[Floats], Mapping[str, Vary]] | None = None
     free_shape: Callable[[StartContext], StartValues | None] | None = None
+    plain_shape: Callable[[StartContext], StartValues | None] | None = None
     own_size: str = ""
     terms: Terms | None = None
     proportion: Proportion | None = None

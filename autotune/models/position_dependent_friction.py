@@ -68,6 +68,11 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         yield StartValues({"order": order}, {"sin": Vary(0.1, 0.4), "cos": Vary(0.1, 0.4)})
 
 
+def plain_shape(_: StartContext) -> StartValues:
+    """Other flanks of the spot."""
+    return StartValues({}, {"edge": Vary(1.0, 2.0, 1.0, STEEPEST)})
+
+
 def free_shape(c: StartContext) -> StartValues:
     """Other flanks of the spot, and a line through places that are evenly spaced over the travel."""
     low, high = float(np.min(c.position())), float(np.max(c.position()))
@@ -75,8 +80,8 @@ def free_shape(c: StartContext) -> StartValues:
     values = {"from": low - 0.5 * step, "step": step}
     rises = {f"rise_{i}": 0.0 for i in range(1, KNOTS + 1)}
     raster = {"from": Vary(0.1 * step, 0.3 * step, low - step, low)}
-    edge = {"edge": Vary(1.0, 2.0, 1.0, STEEPEST)}
-    return StartValues(values | rises, edge | raster | {name: Vary(0.2, 0.5) for name in rises})
+    free = dict(plain_shape(c).free) | raster | {name: Vary(0.2, 0.5) for name in rises}
+    return StartValues(values | rises, free)
 
 
 def _likeliest_spot(c: StartContext, low: float, high: float) -> tuple[float, float]:
@@ -118,6 +123,7 @@ POSITION_DEPENDENT_FRICTION = Kind(
     kernels=Kernels(level_factor=place_factor),
     starts=starts,
     size="height",
+    plain_shape=plain_shape,
     free_shape=free_shape,
     of_place=True,
     both_ways=True,

@@ -249,3 +249,19 @@ def test_a_contact_that_ages_at_rest_only_is_young_in_a_slow_motion() -> None:
     assert _aged(0.0, 5e-3) == pytest.approx(0.8, abs=0.01)
     assert _aged(1e-3, 5e-3) < 1e-3
     assert _aged(1e-3, 0.0) == pytest.approx(_aged(0.0, 0.0), rel=1e-9)
+
+
+@pytest.mark.parametrize(("edge", "half_way", "beyond"), [(2.0, 0.7788, 0.1845), (8.0, 0.9961, 0.0003)])
+def test_a_tight_place_is_a_bell_or_a_stretch_with_two_flanks(
+    edge: float, half_way: float, beyond: float
+) -> None:
+    """exp(−|x|^edge) at 0.5 and 1.3 widths from its middle, times its height."""
+    p = np.zeros(layout.PARAMETERS)
+    kind = EFFECTS["position_dependent_friction"]
+    for name, value in {"height": 0.4, "centre": 1.0, "width": 0.2, "edge": edge}.items():
+        p[kind.slot(name)] = value
+    factor = kind.kernels.level_factor
+    assert factor is not None
+    for side in (-1.0, 1.0):
+        assert factor(p, p[:1], 1.0 + side * 0.1) == pytest.approx(1.0 + 0.4 * half_way, abs=1e-4)
+        assert factor(p, p[:1], 1.0 + side * 0.26) == pytest.approx(1.0 + 0.4 * beyond, abs=1e-4)
