@@ -49,7 +49,7 @@ from autotune.estimation.cross_validation import (
 )
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
-from autotune.models.reversal_memory import contact
+from autotune.models.reversal_memory import REVERSAL_MEMORY, contact, stands_alone
 from autotune.models.spring import SPRING as PULL
 from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_ripple import scale_slot
@@ -308,6 +308,19 @@ class Facts:
             if left > (1.0 - problem.policy.named) * (fall + left):
                 return True
         return False
+
+    @property
+    def all_contact(self) -> bool:
+        """Whether a memory was found beside which no contact is left that forgets: suspected at best.
+
+        A memory is told by what it adds to a contact. Where its own fit closes the small loops of all friction, and no
+        gap parts its elements, it is only another writing of one contact of many, and no data tell the two apart.
+        """
+        chosen = self.chosen
+        if chosen is None or REVERSAL_MEMORY.name not in chosen.model_fit.effects:
+            return False
+        packed = chosen.model_fit.fitted.packed
+        return stands_alone(packed.p, packed.on)
 
     @property
     def own_law(self) -> bool:

@@ -29,6 +29,7 @@ from autotune.diagnosis.evidence.time_driven import (
 from autotune.diagnosis.facts import Facts, gathered
 from autotune.diagnosis.search import Found, search
 from autotune.diagnosis.wording import (
+    ALL_CONTACT,
     AMBIGUOUS,
     CONFIRMED,
     DROWNED,
@@ -299,7 +300,8 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     if facts.chosen is not None and case.verdict in (NAMED, AMBIGUOUS):
         effects = facts.chosen.model_fit.effects
         sure = case.verdict == NAMED and facts.evidence.confirms(facts.problem, effects, carried)
-        sure = sure and not (facts.veto_silent or facts.unlike or facts.little_told or facts.shared_out)
+        sure = sure and not (facts.veto_silent or facts.unlike or facts.little_told or facts.all_contact)
+        sure = sure and not facts.shared_out
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
@@ -307,6 +309,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     said = [*path, *lines, case.sentence(facts)]
     said += (
         [_unlike(facts)] * bool(effects)
+        + [ALL_CONTACT] * (bool(effects) and facts.all_contact)
         + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]
         * (found.presliding is not None)
         + list(facts.base)

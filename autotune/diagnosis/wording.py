@@ -63,6 +63,12 @@ WIDE_CONTACTS = (
     "contact's own or a reversal memory beside it no such data tell. They are taken for its own, the base model's "
     "presliding by another law; it was fitted beside all else."
 )
+ALL_CONTACT = (
+    "Beside this reversal memory no contact is left that forgets: small loops of all friction close where they began, "
+    "and no gap parts its elements. So it may as well be one contact of many elements, as plain and rolling guides "
+    "have, the base model's presliding by another law. No such data tell the two apart, so it is suspected only; what "
+    "compensates it is the same."
+)
 OTHER_BENDING = (
     "After a reversal or a rest the contact bends by another curve than a bristle's: elastic for longer, or letting go "
     "sooner, as the laws of Dahl, Bouc and Wen, and elastic-then-plastic ones have it. This is the base model's "

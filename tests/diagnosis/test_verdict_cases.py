@@ -20,8 +20,10 @@ from autotune.diagnosis.verdict import CASES
 from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
+from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
+from autotune.models.reversal_memory import REMEMBERS, REVERSAL_MEMORY
 from autotune.models.start_values import Vary
 from autotune.models.table import EFFECTS
 from tests.support.axes import NOMINAL
@@ -479,6 +481,32 @@ def test_what_is_as_much_of_what_is_left_is_not_confirmed_beside_another(
     chosen = SimpleNamespace(model_fit=SimpleNamespace(effects=effects))
     known = (problem, None, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, ())
     assert Facts(*known).shared_out is shared_out
+
+
+@pytest.mark.parametrize(
+    ("effects", "coulomb", "all_contact"),
+    [
+        (("reversal_memory",), 1e-3, True),
+        (("spring", "reversal_memory"), 1e-3, True),
+        (("reversal_memory",), 1.0, False),  # beside a bristle
+        (("spring",), 1e-3, False),  # the base's own elements
+    ],
+)
+def test_a_memory_beside_which_no_contact_forgets_is_not_confirmed(
+    effects: tuple[str, ...], coulomb: float, all_contact: bool
+) -> None:
+    """A wide contact of elements with nothing planted: a bristle of a hundredth of friction was left beside them."""
+    packed = base_model(NOMINAL).pack()
+    packed.p[layout.COULOMB] = packed.p[layout.STIFFNESS] = coulomb
+    for number, displacement in enumerate((0.7, 1.2, 3.0, 6.0, 11.0), 1):
+        packed.p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
+        packed.p[REVERSAL_MEMORY.slot(f"torque_{number}")] = 0.1
+    packed.on[REMEMBERS] = True
+    chosen = SimpleNamespace(
+        model_fit=SimpleNamespace(effects=effects, fitted=SimpleNamespace(packed=packed))
+    )
+    known = (None, None, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, ())
+    assert Facts(*known).all_contact is all_contact
 
 
 @pytest.mark.parametrize(
