@@ -87,6 +87,7 @@ class Facts:
         spring: the chosen model with a spring where it has hardly a gap.
         unloaded: the chosen effects without a second mass among them, where they have no name so.
         bare: the root without the effects that the model was given with; where it has any, and nothing repeats.
+        delayed: whether a dead time of some rows does as well as the lag that was found.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -116,6 +117,7 @@ class Facts:
     spring: FittedCandidate | None = None
     unloaded: ModelFit | None = None
     bare: ModelFit | None = None
+    delayed: bool = False
 
     @property
     def loud(self) -> bool:
@@ -349,7 +351,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     hunts = limit_cycle(problem, contact(root.fitted.packed.p, root.fitted.packed.on)[0])
     facts = Facts(
         *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base,
-        spring=found.spring, unloaded=found.unloaded,
+        spring=found.spring, unloaded=found.unloaded, delayed=found.delayed,
         bare=None if chosen is None or evidence.repeats else without_effects(problem, root),
     )  # fmt: skip
     named = (facts.accepted or facts.law_differs) and not facts.structured

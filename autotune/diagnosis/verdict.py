@@ -32,6 +32,7 @@ from autotune.diagnosis.wording import (
     ALL_CONTACT,
     AMBIGUOUS,
     CONFIRMED,
+    DELAYED,
     DROWNED,
     HUNTS,
     MANY_CONTACTS,
@@ -301,7 +302,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         effects = facts.chosen.model_fit.effects
         sure = case.verdict == NAMED and facts.evidence.confirms(facts.problem, effects, carried)
         sure = sure and not (facts.veto_silent or facts.unlike or facts.little_told or facts.all_contact)
-        sure = sure and not facts.shared_out
+        sure = sure and not (facts.delayed or facts.shared_out)
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
@@ -310,6 +311,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     said += (
         [_unlike(facts)] * bool(effects)
         + [ALL_CONTACT] * (bool(effects) and facts.all_contact)
+        + [DELAYED] * (bool(effects) and facts.delayed)
         + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]
         * (found.presliding is not None)
         + list(facts.base)

@@ -122,6 +122,10 @@ MOVED = (
     "the demand is late so, and so is a row that is read sooner: nothing tells which it is. It is no effect of the "
     "axis beyond doubt, and taken out."
 )
+DELAYED = (
+    "A dead time, as a host, a bus and a drive's input may have it, does as well as this lag: it delays the torque and "
+    "does not bend it beyond chance. So it is suspected only; look up how the demand reaches the drive, and when."
+)
 AT_ITS_END = (
     "That is as late as a bus and a current loop may make it. The torque may come later still, by a filter or a dead "
     "time, as these data do not tell its length well: look them up in the drive. Such a lag is an effect, and is not "
