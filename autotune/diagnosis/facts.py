@@ -26,11 +26,13 @@ from autotune.diagnosis.evidence.time_driven import (
 )
 from autotune.diagnosis.free_shape import (
     OtherProportion,
+    Relaxed,
     any_course,
     at_an_edge,
     like_a_motor,
     like_a_spring,
     out_of_proportion,
+    relaxing,
     with_free_shape,
     without_own_course,
 )
@@ -83,6 +85,7 @@ class Facts:
         unlike: an experiment in which one effect leaves what it explains in all others; looked for where it is named.
         edge: the one effect would go on beyond the bounds of its law; likewise.
         proportion: an effect that has two parts, and not as its law has them; likewise.
+        relaxed: an effect of the place whose torque does not hold at rest; likewise.
         base: sentences on laws of the base that were found: they are no effects.
         spring: the chosen model with a spring where it has hardly a gap.
         unloaded: the chosen effects without a second mass among them, where they have no name so.
@@ -113,6 +116,7 @@ class Facts:
     unlike: str = ""
     edge: bool = False
     proportion: OtherProportion | None = None
+    relaxed: Relaxed | None = None
     base: tuple[str, ...] = ()
     spring: FittedCandidate | None = None
     unloaded: ModelFit | None = None
@@ -357,6 +361,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     named = (facts.accepted or facts.law_differs) and not facts.structured
     if named and chosen is not None:
         facts = replace(facts, proportion=out_of_proportion(problem, root, chosen.model_fit))
+        facts = replace(facts, relaxed=relaxing(problem, chosen.model_fit))
     if named and several and not rivals and PULL.name not in found.told_apart:
         facts = replace(facts, rivals=_springs_as_well(facts))
     if named and chosen is not None and not several:

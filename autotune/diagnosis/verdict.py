@@ -51,6 +51,7 @@ from autotune.diagnosis.wording import (
     nearest,
     next_experiment,
     nothing_note,
+    relaxed_note,
     stranger_note,
     torque_path_notes,
     unknown_note,
@@ -243,6 +244,11 @@ def _stranger(facts: Facts) -> str:
     return stranger_note(found.effect, found.times, found.error) if found is not None else ""
 
 
+def _relaxes(facts: Facts) -> str:
+    found = facts.relaxed
+    return relaxed_note(found.effect, found.held, found.seconds) if found is not None else ""
+
+
 def _unlike(facts: Facts) -> str:
     if not facts.unlike:
         return ""
@@ -273,6 +279,7 @@ CASES: tuple[Case, ...] = (
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
     Case("it stands for something else", lambda f: bool(f.unlike) and f.edge, UNKNOWN, _contrary),
     Case("its parts are not in its law's proportion", lambda f: f.proportion is not None, UNKNOWN, _stranger),
+    Case("its torque does not hold at rest", lambda f: f.relaxed is not None, UNKNOWN, _relaxes),
     Case("other effects do as well", _alike, AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),

@@ -345,6 +345,16 @@ def stranger_note(effect: str, times: float, error: float) -> str:
     )
 
 
+def relaxed_note(effect: str, held: float, seconds: float) -> str:
+    """Why an effect of the place is not named whose torque goes at rest, but for the part that is `held`."""
+    name, stays = effect.replace("_", " "), f"to {100 * held:.0f} % of it" if held > 0.0 else "all of it"
+    return (
+        f"A {name} explains most, but its torque does not hold: while the axis stays it goes, {stays}, within "
+        f"{seconds:.1g} s or so. No spring and no weight does that; a gas that cools or leaks, a damper behind a "
+        "spring or a belt that creeps does. So nothing is named."
+    )
+
+
 def line_note(line: TimeLine) -> str:
     """What a disturbance that follows the clock is, and where to look for it."""
     if not line.steady:

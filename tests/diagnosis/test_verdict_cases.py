@@ -14,7 +14,7 @@ from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.facts import Facts
-from autotune.diagnosis.free_shape import OtherProportion
+from autotune.diagnosis.free_shape import OtherProportion, Relaxed
 from autotune.diagnosis.starts import varying
 from autotune.diagnosis.verdict import CASES
 from autotune.estimation.cross_validation import Explained
@@ -46,6 +46,7 @@ NOTHING = {
     "unlike": "",
     "edge": False,
     "proportion": None,
+    "relaxed": None,
     "loud": False,
 }
 CRANK = OtherProportion("encoder_eccentricity", 0.46, 0.02)
@@ -82,6 +83,7 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         (FOUND | {"outdone": "gravity_imbalance"}, "unknown"),
         (FOUND | {"unlike": "dwells", "edge": True, "rivals": ("stribeck",)}, "unknown"),
         (FOUND | {"proportion": CRANK, "rivals": ("stribeck",)}, "unknown"),
+        (FOUND | {"relaxed": Relaxed("spring", 0.1, 0.7), "rivals": ("gravity_imbalance",)}, "unknown"),
         (FOUND | {"unlike": "dwells"}, "named"),
         (FOUND | {"edge": True}, "named"),
         ({"chosen": object(), "law_differs": True, "rivals": ("stribeck",)}, "ambiguous"),
@@ -123,6 +125,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(**FOUND, outdone="gravity_imbalance"),
         _row(**FOUND, unlike="dwells", edge=True),
         _row(**FOUND, proportion=CRANK),
+        _row(**FOUND, relaxed=Relaxed("spring", 0.1, 0.7)),
         _row(chosen=object(), law_differs=True),
         _row(own_law=True),
         _row(chosen=object(), left=True),
