@@ -26,11 +26,13 @@ from autotune.diagnosis.evidence.time_driven import (
 )
 from autotune.diagnosis.free_shape import (
     OtherProportion,
+    Relaxed,
     any_course,
     at_an_edge,
     like_a_motor,
     like_a_spring,
     out_of_proportion,
+    relaxing,
     with_free_shape,
     without_own_course,
 )
@@ -49,7 +51,7 @@ from autotune.estimation.cross_validation import (
 )
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
-from autotune.models.reversal_memory import contact
+from autotune.models.reversal_memory import REVERSAL_MEMORY, contact, stands_alone
 from autotune.models.spring import SPRING as PULL
 from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_ripple import scale_slot
@@ -83,10 +85,12 @@ class Facts:
         unlike: an experiment in which one effect leaves what it explains in all others; looked for where it is named.
         edge: the one effect would go on beyond the bounds of its law; likewise.
         proportion: an effect that has two parts, and not as its law has them; likewise.
+        relaxed: an effect of the place whose torque does not hold at rest; likewise.
         base: sentences on laws of the base that were found: they are no effects.
         spring: the chosen model with a spring where it has hardly a gap.
         unloaded: the chosen effects without a second mass among them, where they have no name so.
         bare: the root without the effects that the model was given with; where it has any, and nothing repeats.
+        delayed: whether a dead time of some rows does as well as the lag that was found.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -112,10 +116,12 @@ class Facts:
     unlike: str = ""
     edge: bool = False
     proportion: OtherProportion | None = None
+    relaxed: Relaxed | None = None
     base: tuple[str, ...] = ()
     spring: FittedCandidate | None = None
     unloaded: ModelFit | None = None
     bare: ModelFit | None = None
+    delayed: bool = False
 
     @property
     def loud(self) -> bool:
@@ -310,6 +316,19 @@ class Facts:
         return False
 
     @property
+    def all_contact(self) -> bool:
+        """Whether a memory was found beside which no contact is left that forgets: suspected at best.
+
+        A memory is told by what it adds to a contact. Where its own fit closes the small loops of all friction, and no
+        gap parts its elements, it is only another writing of one contact of many, and no data tell the two apart.
+        """
+        chosen = self.chosen
+        if chosen is None or REVERSAL_MEMORY.name not in chosen.model_fit.effects:
+            return False
+        packed = chosen.model_fit.fitted.packed
+        return stands_alone(packed.p, packed.on)
+
+    @property
     def own_law(self) -> bool:
         """Another law of presliding explains enough, and nothing else was found."""
         with_it = replace(self, chosen=self.presliding, freed={})
@@ -336,12 +355,13 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     hunts = limit_cycle(problem, contact(root.fitted.packed.p, root.fitted.packed.on)[0])
     facts = Facts(
         *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base,
-        spring=found.spring, unloaded=found.unloaded,
+        spring=found.spring, unloaded=found.unloaded, delayed=found.delayed,
         bare=None if chosen is None or evidence.repeats else without_effects(problem, root),
     )  # fmt: skip
     named = (facts.accepted or facts.law_differs) and not facts.structured
     if named and chosen is not None:
         facts = replace(facts, proportion=out_of_proportion(problem, root, chosen.model_fit))
+        facts = replace(facts, relaxed=relaxing(problem, chosen.model_fit))
     if named and several and not rivals and PULL.name not in found.told_apart:
         facts = replace(facts, rivals=_springs_as_well(facts))
     if named and chosen is not None and not several:

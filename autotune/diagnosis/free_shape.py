@@ -17,11 +17,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Floats
-from autotune.diagnosis.candidates import FittedCandidate, predicts_better
+from autotune.diagnosis.candidates import FittedCandidate, explained_of_rest, predicts_better
 from autotune.diagnosis.contact_laws import ROUNDS, resolved
 from autotune.diagnosis.refits import judged, taken_out
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, FitStart, own_course, varying
+from autotune.estimation.alignment import followed_late
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import DIFFERENCE, Free, followed
@@ -46,6 +47,9 @@ FINE_PLACE = 1e-3
 """Of the travel: where a spring may be met on the way, and to what that is found."""
 BETWEEN, WITHIN = (-1.0, 3.0), 0.02
 """Proportions that are looked at, and to what: further away it is the other part that is not there."""
+SOONEST, RELAXATIONS, SEEN_TO_ITS_END = 0.1, 16, 1.0 / 3.0
+"""s in which a torque relaxes at the soonest, as what goes sooner damps the motion itself; how many times are looked at
+from there to a part of the longest stretch, in three of which all but a twentieth has gone."""
 
 
 def with_free_shape(
@@ -437,3 +441,67 @@ def _error_of(left: Callable[[float], Floats], best: float) -> float:
     bend = float((above - 2.0 * here + below).sum()) / WITHIN**2
     slopes = by_second(above - below) / (2.0 * WITHIN)
     return math.sqrt(float(slopes @ slopes)) / bend if bend > 0.0 else math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Relaxed:
+    """A torque over the place of which a part `held` stays at rest, ± its `error`; the rest goes in `seconds`."""
+
+    effect: str
+    held: float
+    seconds: float
+    error: float = 0.0
+
+
+def relaxing(problem: Problem, model_fit: ModelFit) -> Relaxed | None:
+    """The first effect of the place whose torque goes while the axis stays; None where each holds.
+
+    A spring and a weight pull as much after an hour as after a move. A gas that warms and cools or leaks, a dashpot
+    behind a spring do not: beside the effect the same course behind a first-order lag, all else refitted to first order
+    (the contact, too, which keeps where the motion turned), errs less beyond chance, explains half of what the effect
+    leaves, on training and veto, and takes beyond chance more of the torque away than a name may leave.
+    """
+    found = (_relaxed(problem, model_fit, effect) for effect in model_fit.effects)
+    z, least = problem.policy.apart_z, problem.policy.named
+    return next((one for one in found if one is not None and one.held + z * one.error < least), None)
+
+
+def _relaxed(problem: Problem, model_fit: ModelFit, effect: str) -> Relaxed | None:
+    """How much of an effect's torque stays at rest; None where nothing tells of its going, or it has none."""
+    kind = EFFECTS[effect]
+    torque_at = kind.kernels.torque
+    if torque_at is None or kind.terms is not None:
+        return None
+    data, packed, error = problem.data, model_fit.fitted.packed, model_fit.fitted.error
+    course = np.array([torque_at(packed.p, place) for place in problem.moved.position])
+    weight = problem.weight * data.role(TRAINING, VETO)
+    changed = _changes(problem, packed, model_fit.free)
+    longest = data.period * max(one.stop - one.start for one in data.stretches)
+    times = np.geomspace(SOONEST, max(SEEN_TO_ITS_END * longest, 2.0 * SOONEST), RELAXATIONS)
+    lates = [smoothed(data, followed_late(data, course, seconds)) for seconds in times]
+    lefts = [followed(np.column_stack([changed, late]), error, weight) for late in lates]
+    best = min(range(len(times)), key=lambda i: float(weight @ lefts[i] ** 2))
+    if best in (0, len(times) - 1):  # sooner or later still: not what is looked for
+        return None
+    both = [followed(changed, error, weight), lefts[best]]
+    here, there = (replace(model_fit, fitted=replace(model_fit.fitted, error=one)) for one in both)
+    if not _explains_rest(problem, here, there):
+        return None
+    slots = {one.slot for one in kind.parameters}
+    others = changed[:, [one.slot not in slots for one in model_fit.free]]
+    table = np.column_stack([others, smoothed(data, course), lates[best]])
+    root = np.sqrt(weight)
+    *_, more, late = np.linalg.lstsq(table * root[:, None], error * root, rcond=None)[0]
+    alone = weight * followed(table[:, :-1], table[:, -1], weight)
+    slopes = by_second(alone * followed(table, error, weight))
+    spread = math.sqrt(float(slopes @ slopes)) / max(float(alone @ table[:, -1]), 1e-300)
+    whole = max(1.0 + float(more), 1e-3)
+    return Relaxed(effect, 1.0 + float(late) / whole, float(times[best]), spread / whole)
+
+
+def _explains_rest(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether a model errs less beyond chance than one before it, and explains half of its rest."""
+    weight = problem.weight * problem.data.role(TRAINING, VETO)
+    less = weight * (before.fitted.error**2 - after.fitted.error**2)
+    half = [part.share >= problem.policy.partly for part in explained_of_rest(problem, before, after)]
+    return all(half) and beyond_chance(less, problem.policy.apart_z)

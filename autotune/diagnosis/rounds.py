@@ -82,7 +82,8 @@ class SearchState:
     `outdone` is the root with a law of the base, where an effect explains more than that; `beside` a model with effects
     that the root's law was found beside; `seen` are the models that were fitted inside the twin, `first` and `tried`
     those of the first round, `later` those of the others; `laws` those of the base that may be asked for, and
-    `law_first` that one leads a further effect, or that none is asked for any more.
+    `law_first` that one leads a further effect, or that none is asked for any more; `delayed` that a dead time of some
+    rows does as well as the lag that was found.
     """
 
     problem: Problem
@@ -104,6 +105,7 @@ class SearchState:
     unloaded: ModelFit | None = None
     laws: Sequence[BaseLaw] = BASE_LAWS
     law_first: bool = False
+    delayed: bool = False
 
     def borne_out(self, after: ModelFit | None, before: ModelFit | None = None) -> ModelFit | None:
         """A model with another law of the base, where recordings of this kind bear it out beside the root."""

@@ -29,7 +29,7 @@ from autotune.diagnosis.contact_laws import (
     without_memory,
 )
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.evidence.torque_path import cycles_in_place, lag_in_loop
+from autotune.diagnosis.evidence.torque_path import CYCLES, cycles_in_place, dead_time_in_place, lag_in_loop
 from autotune.diagnosis.free_shape import like_a_motor
 from autotune.diagnosis.refits import (
     REFINED,
@@ -94,6 +94,7 @@ class Found:
         exchanged: of several effects, fits with another one in the place of one of them that have a name too.
         spring: the chosen model with a spring where it has hardly a gap; None where it has none, or is chosen itself.
         unloaded: the chosen effects without a second mass among them, where they have no name so; else None.
+        delayed: whether a dead time of some rows does as well as the lag among them.
     """
 
     problem: Problem
@@ -112,6 +113,7 @@ class Found:
     exchanged: Sequence[FittedCandidate] = ()
     spring: FittedCandidate | None = None
     unloaded: ModelFit | None = None
+    delayed: bool = False
 
 
 def search(
@@ -155,6 +157,9 @@ def _found(state: SearchState) -> Found:
     if _lags_after_all(state):
         _seek_on(state)
         _tidy(state)
+    if _is_dead_time(state):
+        _seek(state)
+        _tidy(state)
     _without_chains_lag(state)
     if state.chosen is not None:
         state.chosen, state.unloaded = _backward(state).without_doubtful_load(state.chosen, state.first)
@@ -163,6 +168,8 @@ def _found(state: SearchState) -> Found:
     _try_motor(state)
     seen = (state.problem, state.root, state.chosen, state.first, state.tried, state.generic)
     found = Found(*seen, state.still_freed(), exchanged=_in_place(state), unloaded=state.unloaded)
+    lagging = state.chosen is not None and LAG in state.chosen.model_fit.effects
+    found = replace(found, delayed=lagging and state.delayed)
     found = _where_it_slides(state, _beside_own_presliding(state, found))
     if found.chosen is None:
         return found
@@ -430,6 +437,33 @@ def _lags_after_all(state: SearchState) -> bool:
         if not known or (state.chosen is not None and state.chosen.named):
             return True
     state.problem, state.root, state.chosen, state.tried = before
+    return False
+
+
+def _is_dead_time(state: SearchState) -> bool:
+    """Whether what looks like a lag is a dead time of a row at most: then the chain has it, and all is looked for anew.
+
+    A lag is told from a delay by how it bends the torque. Beside all that was found, what errs less beyond chance is
+    what it is. Where neither does, and no longer dead time errs more either, the lag keeps its name and is not
+    confirmed (`SearchState.delayed`).
+    """
+    chosen, apart = state.chosen, state.evidence.apart
+    state.delayed = False
+    if chosen is None or LAG not in chosen.model_fit.effects or not state.evidence.repeats:
+        return False
+    lags = chosen.model_fit
+    for most in (1, max(CYCLES)):
+        found = dead_time_in_place(state.problem, lags, most)
+        if found is None:
+            continue
+        if most == 1 and apart(state.problem, found[1], lags):
+            state.progress("a dead time in the place of a lag")
+            root, _ = fitted_again(found[0], state.root, [])
+            state.problem, state.root = with_noise_of(found[0], root)
+            return True
+        state.delayed = state.delayed or not apart(state.problem, lags, found[1])
+        if state.delayed:
+            break
     return False
 
 

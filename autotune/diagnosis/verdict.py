@@ -29,8 +29,10 @@ from autotune.diagnosis.evidence.time_driven import (
 from autotune.diagnosis.facts import Facts, gathered
 from autotune.diagnosis.search import Found, search
 from autotune.diagnosis.wording import (
+    ALL_CONTACT,
     AMBIGUOUS,
     CONFIRMED,
+    DELAYED,
     DROWNED,
     HUNTS,
     MANY_CONTACTS,
@@ -49,6 +51,7 @@ from autotune.diagnosis.wording import (
     nearest,
     next_experiment,
     nothing_note,
+    relaxed_note,
     stranger_note,
     torque_path_notes,
     unknown_note,
@@ -241,6 +244,11 @@ def _stranger(facts: Facts) -> str:
     return stranger_note(found.effect, found.times, found.error) if found is not None else ""
 
 
+def _relaxes(facts: Facts) -> str:
+    found = facts.relaxed
+    return relaxed_note(found.effect, found.held, found.seconds) if found is not None else ""
+
+
 def _unlike(facts: Facts) -> str:
     if not facts.unlike:
         return ""
@@ -271,6 +279,7 @@ CASES: tuple[Case, ...] = (
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
     Case("it stands for something else", lambda f: bool(f.unlike) and f.edge, UNKNOWN, _contrary),
     Case("its parts are not in its law's proportion", lambda f: f.proportion is not None, UNKNOWN, _stranger),
+    Case("its torque does not hold at rest", lambda f: f.relaxed is not None, UNKNOWN, _relaxes),
     Case("other effects do as well", _alike, AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
@@ -299,7 +308,8 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     if facts.chosen is not None and case.verdict in (NAMED, AMBIGUOUS):
         effects = facts.chosen.model_fit.effects
         sure = case.verdict == NAMED and facts.evidence.confirms(facts.problem, effects, carried)
-        sure = sure and not (facts.veto_silent or facts.unlike or facts.little_told or facts.shared_out)
+        sure = sure and not (facts.veto_silent or facts.unlike or facts.little_told or facts.all_contact)
+        sure = sure and not (facts.delayed or facts.shared_out)
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
@@ -307,6 +317,8 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     said = [*path, *lines, case.sentence(facts)]
     said += (
         [_unlike(facts)] * bool(effects)
+        + [ALL_CONTACT] * (bool(effects) and facts.all_contact)
+        + [DELAYED] * (bool(effects) and facts.delayed)
         + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]
         * (found.presliding is not None)
         + list(facts.base)

@@ -63,6 +63,12 @@ WIDE_CONTACTS = (
     "contact's own or a reversal memory beside it no such data tell. They are taken for its own, the base model's "
     "presliding by another law; it was fitted beside all else."
 )
+ALL_CONTACT = (
+    "Beside this reversal memory no contact is left that forgets: small loops of all friction close where they began, "
+    "and no gap parts its elements. So it may as well be one contact of many elements, as plain and rolling guides "
+    "have, the base model's presliding by another law. No such data tell the two apart, so it is suspected only; what "
+    "compensates it is the same."
+)
 OTHER_BENDING = (
     "After a reversal or a rest the contact bends by another curve than a bristle's: elastic for longer, or letting go "
     "sooner, as the laws of Dahl, Bouc and Wen, and elastic-then-plastic ones have it. This is the base model's "
@@ -115,6 +121,10 @@ MOVED = (
     "The torque acts {late:.2g} ms after the moment that it is taken to be recorded at. A current loop or a filter of "
     "the demand is late so, and so is a row that is read sooner: nothing tells which it is. It is no effect of the "
     "axis beyond doubt, and taken out."
+)
+DELAYED = (
+    "A dead time, as a host, a bus and a drive's input may have it, does as well as this lag: it delays the torque and "
+    "does not bend it beyond chance. So it is suspected only; look up how the demand reaches the drive, and when."
 )
 AT_ITS_END = (
     "That is as late as a bus and a current loop may make it. The torque may come later still, by a filter or a dead "
@@ -332,6 +342,16 @@ def stranger_note(effect: str, times: float, error: float) -> str:
     return (
         f"{name} explains most, but {law.name} is {times:.2f} ± {error:.1g} times what its law makes; "
         f"{law.stranger}, has {law.other:g}. So nothing is named."
+    )
+
+
+def relaxed_note(effect: str, held: float, seconds: float) -> str:
+    """Why an effect of the place is not named whose torque goes at rest, but for the part that is `held`."""
+    name, stays = effect.replace("_", " "), f"to {100 * held:.0f} % of it" if held > 0.0 else "all of it"
+    return (
+        f"A {name} explains most, but its torque does not hold: while the axis stays it goes, {stays}, within "
+        f"{seconds:.1g} s or so. No spring and no weight does that; a gas that cools or leaks, a damper behind a "
+        "spring or a belt that creeps does. So nothing is named."
     )
 
 

@@ -314,6 +314,7 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
     seen = _seen(data)
     held = seen.clamped
     samples = late_samples(seen, controller.reference_delay, controller.position_delay)
+    samples = smeared_samples(samples, controller.part_late)
     if controller.ticks > 1:
         return _asked_between(samples, controller) + controller.constant + data.feedforward
     terms = law_terms(smeared_samples(samples, controller.smeared), controller.derivative_filter)

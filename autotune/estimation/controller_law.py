@@ -60,6 +60,7 @@ class PositionController:
         velocity_feedforward: f, on the rate of the reference [N m s/rad].
         position_feedforward, acceleration_feedforward: g and a, on the reference and on its second difference.
         reference_delay, position_delay: samples by which the law sees either late.
+        part_late: part of a sample by which it sees both later still: a demand that acts as much later.
         constant: torque that is always added where there is no integral to hold it [N m].
         explained: share of the variance of the torque demand, R²; nan where it could not be checked.
         in_band: found below the frequency that models are compared at; `explained` is the share there.
@@ -114,6 +115,7 @@ class PositionController:
     slow: bool = False
     quick: bool = False
     asked: float = 0.0
+    part_late: float = 0.0
 
     @property
     def usable(self) -> bool:
@@ -135,7 +137,7 @@ class PositionController:
                 self.ki,
                 self.derivative_filter,
                 self.reference_rate,
-                self.position_delay if self.ticks == 1 else self.ticks_late,
+                self.position_delay + self.part_late if self.ticks == 1 else self.ticks_late,
             ]
         )
 

@@ -316,6 +316,8 @@ def _at_samples(recorded: Recorded, controller: PositionController) -> Loop:
         before = 0.0, 0.0, recorded.last_reference, recorded.last_position
         return Loop(1, controller.gains, recorded.torque, feedforward, before)
     reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
+    if controller.part_late > 0.0:
+        reference, feedforward = (later(one, controller.part_late) for one in (reference, feedforward))
     feedforward = feedforward + controller.feedforward(reference, recorded.last_reference, recorded.period)
     memory = _memory(recorded, controller, float(feedforward[0]))
     return Loop(1, controller.gains, reference, feedforward, memory)

@@ -275,12 +275,17 @@ def beyond_a_decade(p: Floats) -> bool:
 def _ends_at(p: Floats) -> float:
     """Way on which a sum of many contacts ends [rad or m]: a decade, and on as long as no gap parts the next of them.
 
-    So where they stand in the place of the bristle (`attraction`). An element joins the one before where even a single
-    bristle that bends on the other's way would still climb.
+    So where they stand in the place of the bristle (`attraction`).
+    """
+    return _joined_to(p) if p[ATTRACTION] > 0.0 else DECADE * _way_to(p, ONE_REACH)
+
+
+def _joined_to(p: Floats) -> float:
+    """Way up to which elements follow each other without a gap, a decade at least [rad or m].
+
+    An element joins the one before where even a single bristle that bends on the other's way would still climb.
     """
     end = DECADE * _way_to(p, ONE_REACH)
-    if p[ATTRACTION] == 0.0:
-        return end
     reach, torque = _used(p)
     ways = np.sort(reach[torque > HUNDREDTH * _level(p)])
     for before, after in pairwise(ways):
@@ -293,6 +298,17 @@ def _ends_at(p: Floats) -> float:
 def closes_loops(p: Floats) -> bool:
     """Whether small loops of all friction close where they began, as those of elements do and of a bristle do not."""
     return abs(forgotten(p)) < HALF * A_BRISTLE_FORGETS
+
+
+def stands_alone(p: Floats, on: Flags) -> bool:
+    """Whether a model's elements are one contact's as well as a memory's: nothing beside them forgets.
+
+    Small loops of all friction close, and no gap parts some elements from the others, beyond which they would be a
+    memory whatever the contact is.
+    """
+    return (
+        bool(on[REMEMBERS]) and closes_loops(p) and 1.0 - _carried(p, _joined_to(p)) / _level(p) < HUNDREDTH
+    )
 
 
 def of_contacts(p: Floats) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -20,6 +21,7 @@ from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.evidence.torque_path import (
     cycles_in_place,
+    dead_time_in_place,
     lag_in_loop,
     late_anew,
     recorded_otherwise,
@@ -27,7 +29,7 @@ from autotune.diagnosis.evidence.torque_path import (
 )
 from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.rounds import SearchState
-from autotune.diagnosis.search import _cycles_do, _lags_after_all, _without_chains_lag
+from autotune.diagnosis.search import _cycles_do, _is_dead_time, _lags_after_all, _without_chains_lag
 from autotune.diagnosis.settling import _aligned
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.alignment import behind_current_loop, followed_late, shifted
@@ -36,6 +38,7 @@ from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
     damped_as_twins_creep,
 )
+from autotune.estimation.controller import asked
 from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance import STILL
@@ -567,6 +570,96 @@ def test_whole_cycles_are_asked_for_a_lag_in_the_twin(
         assert not bare.fitted.packed.on[IS_LATE]
         assert bare.effects == ("spring",)
         assert len(bare.free) == len(begun[1].free)
+
+
+@pytest.mark.parametrize(
+    ("lag", "known"),
+    [(6e-4, True), (1.3e-3, True), (1.6e-3, False)],
+    ids=["a part of a row", "a row and a current loop", "more"],
+)
+def test_a_dead_time_of_a_part_of_a_row_is_asked_for_a_lag_in_the_twin(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, lag: float, known: bool
+) -> None:
+    """With all else as it was found, in a loop that is as late; what a fit leaves of the lag is a current loop's."""
+    problem = replace(begun[0], data=shifted(begun[0].data, 0.0))
+    lags = _lagging(begun, lag, ("spring", "torque_lag"))
+    monkeypatch.setattr(measured, "fit_inside_twin", _as_begun(lags))
+    found = dead_time_in_place(problem, lags)
+    assert (found is not None) == known
+    if found is None:
+        return
+    again, bare = found
+    assert problem.controller is not None
+    assert again.controller is not None
+    late = again.controller.position_delay + again.controller.part_late - problem.controller.position_delay
+    assert again.controller.reference_delay - problem.controller.reference_delay == int(late)
+    assert 0.0 < late <= 1.0
+    assert again.data.late - problem.data.late == pytest.approx(late)
+    assert again.data.lag + late * again.data.period == pytest.approx(lag, abs=3e-5)
+    assert again.data.cycles == problem.data.cycles
+    assert not bare.fitted.packed.on[IS_LATE]
+    assert bare.effects == ("spring",)
+
+
+def _as_begun(lags: ModelFit) -> Callable[..., ModelFit]:
+    """A fit that stays where it is begun."""
+
+    def fit(_: Problem, packed: Packed, free: list[Free], rounds: int, effects: tuple[str, ...]) -> ModelFit:
+        jacobian = np.random.default_rng(1).standard_normal((len(lags.fitted.error), len(free)))
+        told = {"jacobian": jacobian, "scales": np.array([one.scale for one in free])}
+        fitted = replace(lags.fitted, packed=packed, free=tuple(free), **told)
+        return replace(lags, fitted=fitted, effects=effects)
+
+    return fit
+
+
+def test_a_law_asks_for_the_mean_of_what_acts_behind_a_dead_time(begun: Begun) -> None:
+    """Of each row a part has the demand before; the law that sees all as much later asks for the mean of both."""
+    data, law = begun[0].data, begun[0].controller
+    assert law is not None
+    prompt, late = asked(data, law), asked(data, replace(law, part_late=0.3))
+    prompt, late = prompt[:20000], late[:20000]  # before any clamp, which each of them would have elsewhere
+    assert late[1:] == pytest.approx(0.7 * prompt[1:] + 0.3 * prompt[:-1], abs=1e-3 * float(np.std(prompt)))
+    assert replace(law, part_late=0.3).gains[-1] == pytest.approx(law.gains[-1] + 0.3)
+
+
+@pytest.mark.parametrize(
+    ("better", "taken", "delayed"),
+    [("delay", True, False), ("lag", False, False), ("neither", False, True)],
+)
+def test_a_lag_is_told_from_a_dead_time_by_what_errs_less_beyond_chance(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, better: str, taken: bool, delayed: bool
+) -> None:
+    """A host's demand that acts half a row later is no effect; where neither is told the name is not confirmed."""
+    problem, root = begun
+    lags = _lagging(begun, 6e-4, ("torque_lag",))
+    chosen = FittedCandidate("torque_lag", lags, 0.6, Explained(1.0, 0.0), None, named=True)
+    behind, other = replace(problem), {"delay": root, "lag": lags}.get(better)
+    monkeypatch.setattr("autotune.diagnosis.search.dead_time_in_place", lambda *_: (behind, root))
+    monkeypatch.setattr("autotune.diagnosis.search.with_noise_of", lambda *both: both)
+    monkeypatch.setattr(RepeatedProgramme, "apart", lambda _, __, less, more: less is other)
+    search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme(), chosen=chosen)
+    assert _is_dead_time(search) == taken
+    assert (search.problem is behind) == taken
+    assert search.delayed == delayed
+
+
+def test_a_lag_that_a_dead_time_of_some_rows_does_as_well_is_not_confirmed(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, root = begun
+    lags = _lagging(begun, 2.4e-3, ("torque_lag",))
+    chosen = FittedCandidate("torque_lag", lags, 0.6, Explained(1.0, 0.0), None, named=True)
+
+    def found(_: Problem, __: ModelFit, most: int) -> Begun | None:
+        return (replace(problem), root) if most > 1 else None
+
+    monkeypatch.setattr("autotune.diagnosis.search.dead_time_in_place", found)
+    monkeypatch.setattr(RepeatedProgramme, "apart", lambda *_: False)
+    search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme(), chosen=chosen)
+    assert not _is_dead_time(search)
+    assert search.delayed
+    assert search.problem is problem
 
 
 @pytest.mark.parametrize(("left", "taken"), [(1.0, True), (1.05, False)])

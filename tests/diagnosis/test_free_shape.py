@@ -13,13 +13,22 @@ from autotune.core.loop import LocalLoop
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.contact_laws import resolved
 from autotune.diagnosis.fitting import updated_model
+from autotune.diagnosis.free_shape import relaxing
+from autotune.diagnosis.wording import relaxed_note
+from autotune.estimation.alignment import followed_late
 from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.least_squares import Free
+from autotune.estimation.problem import Problem
+from autotune.estimation.residual import smoothed
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.path import Motion
 from autotune.experiments.programmes import build
 from autotune.experiments.record import Recorder, metadata_for, play
 from autotune.experiments.runner import Programme
-from autotune.models.drive_model import DriveModel, base_model
+from autotune.models import layout
+from autotune.models.drive_model import DriveModel, Packed, base_model
+from autotune.models.spring import SPRING
 from autotune.models.table import EFFECTS
 from autotune.models.total_friction import stiffness_at_rest, total_friction
 from autotune.recordings.recording import Controller, Recording
@@ -88,3 +97,28 @@ def test_a_model_without_the_effect_is_left_as_it_is() -> None:
     problem, root, _, _ = begin(prepared_for([recording("edm-vertical")]), model)
     assert resolved(problem, root) is None
     assert stiffness_at_rest(model) == model["stiffness"]
+
+
+@pytest.mark.parametrize(
+    ("goes", "seconds", "held"),
+    [(0.0, 0.7, None), (0.03, 0.7, None), (0.29, 0.7, 0.71), (1.0, 0.7, 0.0), (1.0, 3.0, 0.0)],
+    ids=["a spring", "less than a name may leave", "a gas that cools", "all goes", "slowly"],
+)
+def test_a_torque_over_the_place_that_goes_at_rest_is_no_spring(
+    begun: tuple[Problem, ModelFit], goes: float, seconds: float, held: float | None
+) -> None:
+    """`goes`: of the torque, while the axis stays; a gas that was pressed as a whole loses 1 − 1/1.4 as it cools."""
+    problem, root = begun
+    p, on = root.fitted.packed.p.copy(), root.fitted.packed.on.copy()
+    slot, stiffness = SPRING.slot("stiffness"), 0.05
+    p[slot], on[layout.flag(SPRING.name)] = stiffness, True
+    free = (*root.free, Free("stiffness", slot, -1.0, 1.0, stiffness))
+    late = smoothed(problem.data, followed_late(problem.data, stiffness * problem.moved.position, seconds))
+    error = root.fitted.error - goes * late
+    fitted = replace(root.fitted, packed=Packed(p, on), free=free, error=error)
+    found = relaxing(problem, replace(root, fitted=fitted, effects=(SPRING.name,)))
+    assert (found is None) == (held is None)
+    if found is not None:
+        assert found.held == pytest.approx(held, abs=0.1)
+        assert found.seconds == pytest.approx(seconds, rel=0.5)
+        assert "does not hold" in relaxed_note(found.effect, found.held, found.seconds)

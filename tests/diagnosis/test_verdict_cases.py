@@ -14,14 +14,16 @@ from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.facts import Facts
-from autotune.diagnosis.free_shape import OtherProportion
+from autotune.diagnosis.free_shape import OtherProportion, Relaxed
 from autotune.diagnosis.starts import varying
 from autotune.diagnosis.verdict import CASES
 from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
+from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
+from autotune.models.reversal_memory import REMEMBERS, REVERSAL_MEMORY
 from autotune.models.start_values import Vary
 from autotune.models.table import EFFECTS
 from tests.support.axes import NOMINAL
@@ -44,6 +46,7 @@ NOTHING = {
     "unlike": "",
     "edge": False,
     "proportion": None,
+    "relaxed": None,
     "loud": False,
 }
 CRANK = OtherProportion("encoder_eccentricity", 0.46, 0.02)
@@ -80,6 +83,7 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         (FOUND | {"outdone": "gravity_imbalance"}, "unknown"),
         (FOUND | {"unlike": "dwells", "edge": True, "rivals": ("stribeck",)}, "unknown"),
         (FOUND | {"proportion": CRANK, "rivals": ("stribeck",)}, "unknown"),
+        (FOUND | {"relaxed": Relaxed("spring", 0.1, 0.7), "rivals": ("gravity_imbalance",)}, "unknown"),
         (FOUND | {"unlike": "dwells"}, "named"),
         (FOUND | {"edge": True}, "named"),
         ({"chosen": object(), "law_differs": True, "rivals": ("stribeck",)}, "ambiguous"),
@@ -121,6 +125,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(**FOUND, outdone="gravity_imbalance"),
         _row(**FOUND, unlike="dwells", edge=True),
         _row(**FOUND, proportion=CRANK),
+        _row(**FOUND, relaxed=Relaxed("spring", 0.1, 0.7)),
         _row(chosen=object(), law_differs=True),
         _row(own_law=True),
         _row(chosen=object(), left=True),
@@ -479,6 +484,32 @@ def test_what_is_as_much_of_what_is_left_is_not_confirmed_beside_another(
     chosen = SimpleNamespace(model_fit=SimpleNamespace(effects=effects))
     known = (problem, None, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, ())
     assert Facts(*known).shared_out is shared_out
+
+
+@pytest.mark.parametrize(
+    ("effects", "coulomb", "all_contact"),
+    [
+        (("reversal_memory",), 1e-3, True),
+        (("spring", "reversal_memory"), 1e-3, True),
+        (("reversal_memory",), 1.0, False),  # beside a bristle
+        (("spring",), 1e-3, False),  # the base's own elements
+    ],
+)
+def test_a_memory_beside_which_no_contact_forgets_is_not_confirmed(
+    effects: tuple[str, ...], coulomb: float, all_contact: bool
+) -> None:
+    """A wide contact of elements with nothing planted: a bristle of a hundredth of friction was left beside them."""
+    packed = base_model(NOMINAL).pack()
+    packed.p[layout.COULOMB] = packed.p[layout.STIFFNESS] = coulomb
+    for number, displacement in enumerate((0.7, 1.2, 3.0, 6.0, 11.0), 1):
+        packed.p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
+        packed.p[REVERSAL_MEMORY.slot(f"torque_{number}")] = 0.1
+    packed.on[REMEMBERS] = True
+    chosen = SimpleNamespace(
+        model_fit=SimpleNamespace(effects=effects, fitted=SimpleNamespace(packed=packed))
+    )
+    known = (None, None, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, ())
+    assert Facts(*known).all_contact is all_contact
 
 
 @pytest.mark.parametrize(

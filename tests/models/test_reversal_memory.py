@@ -34,6 +34,7 @@ from autotune.models.reversal_memory import (
     of_one_contact,
     share_damping,
     shows_course,
+    stands_alone,
 )
 from autotune.models.stribeck import STRIBECK
 from autotune.models.table import EFFECTS
@@ -389,3 +390,32 @@ def test_an_element_that_is_bent_over_most_of_the_travel_follows_the_place(
         p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
         p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
     assert shows_course(p, 1.0) is shown
+
+
+@pytest.mark.parametrize(
+    ("coulomb", "elements", "attraction", "alone"),
+    [
+        (1e-3, JOINED, 0.0, True),  # a wide contact, found beside a bristle that carries next to nothing
+        (1e-3, JOINED, AT_ONCE, True),
+        (
+            1e-3,
+            [*JOINED, (80.0, 0.05)],
+            0.0,
+            False,
+        ),  # beyond a gap they are a memory, whatever the contact is
+        (5.0, JOINED, 0.0, False),  # most of all friction forgets
+        (20.0, JOINED, 0.0, False),
+    ],
+)
+def test_a_memory_stands_alone_where_nothing_beside_it_forgets(
+    coulomb: float, elements: list[tuple[float, float]], attraction: float, alone: bool
+) -> None:
+    p, on = base_model(NOMINAL).pack().p, base_model(NOMINAL).pack().on.copy()
+    p[layout.COULOMB] = p[layout.STIFFNESS] = coulomb
+    p[ATTRACTION] = attraction
+    for number, (displacement, torque) in enumerate(elements, 1):
+        p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
+        p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
+    assert not stands_alone(p, on), "there are no elements"
+    on[REMEMBERS] = True
+    assert stands_alone(p, on) is alone

@@ -19,6 +19,7 @@ from autotune.estimation.alignment import (
     BESIDE,
     CURRENT_LOOP,
     a_row_sooner,
+    acting_later,
     behind_current_loop,
     best_shift,
     shifted,
@@ -59,6 +60,8 @@ CLEARLY_LESS = 0.98
 SURE = 2.0
 """Standard errors by which a lag must be longer than a current loop's to be more."""
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
+SPLITS = (0.1, 0.4, 0.8)
+"""Of an ordinary current loop's lag: what a fit begins with of it behind a dead time."""
 ROUNDING = 1e-9
 """Of what torque and acceleration suggest: inertia that is above its bound by no more has been taken there."""
 
@@ -166,6 +169,43 @@ def cycles_in_place(problem: Problem, lags: ModelFit) -> list[tuple[Problem, Mod
     return found
 
 
+def dead_time_in_place(problem: Problem, lags: ModelFit, most: int = 1) -> tuple[Problem, ModelFit] | None:
+    """Problem and model with a dead time of `most` rows or less, and an ordinary lag behind it, in the place of a lag.
+
+    A host's demand is computed, sent and taken in while its row lasts, and acts in the midst of it or with the next.
+    The law that sees everything as much later asks for the mean of what acts over each row, so that the twin's loop is
+    as late. A dead time delays and does not bend; a lag bends. Each split between the two is fitted with what is left
+    of the lag free; the best.
+
+    None where a torque is not held from each row to the next, or where so many rows and an ordinary current loop are
+    not all that is late.
+    """
+    data, law = problem.data, problem.controller
+    if law is None or not law.exact or law.part_late > 0.0 or not problem.twin:
+        return None
+    longest = most * data.upsampling * data.period
+    late = data.lag + float(lags.fitted.packed.p[TIME_CONSTANT])
+    found = []
+    for dead in sorted({min(max(late - share * CURRENT_LOOP, 0.0), longest) for share in SPLITS} - {0.0}):
+        again = _after_dead_time(problem, dead / data.period)
+        fit = _behind_lag(again, _without_lag(lags), max(late - dead, FINE_SHIFT))
+        if fit is not None and not _is_long(again, fit):
+            found.append((again, fit))
+    best = min(found, key=lambda one: one[1].fitted.cost, default=None)
+    return None if best is None else _taken_out(*best)
+
+
+def _after_dead_time(problem: Problem, rows: float) -> Problem:
+    """The problem with its torque acting so many rows of the raster later, at once where it does; so is its loop."""
+    law, whole = problem.controller, int(rows)
+    if law is None:
+        return problem
+    delays = law.reference_delay + whole, law.position_delay + whole
+    law = replace(law, reference_delay=delays[0], position_delay=delays[1], part_late=rows - whole)
+    data = acting_later(problem.data, rows - whole)
+    return _with(replace(problem, controller=law), _acting_later(data, whole, data.cycles))
+
+
 def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
     """Problem and model with the torque recorded in another way, where that leaves clearly less in the twin.
 
@@ -215,11 +255,17 @@ def _taken_out(problem: Problem, lags: ModelFit) -> tuple[Problem, ModelFit] | N
 
 def _fit_without_lag(problem: Problem, lags: ModelFit) -> ModelFit | None:
     """The model without its lag, fitted inside the twin; None where that is unstable."""
+    bare = _without_lag(lags)
+    return fit_inside_twin(problem, bare.fitted.packed, list(bare.free), 2, bare.effects)
+
+
+def _without_lag(lags: ModelFit) -> ModelFit:
+    """The model without its lag, all else as it was fitted beside it."""
     p, on = lags.fitted.packed.p.copy(), lags.fitted.packed.on.copy()
     p[[TIME_CONSTANT, STEEPNESS]], on[IS_LATE] = 0.0, False
-    free = [one for one in lags.free if one.slot not in (TIME_CONSTANT, STEEPNESS)]
+    free = tuple(one for one in lags.free if one.slot not in (TIME_CONSTANT, STEEPNESS))
     effects = tuple(effect for effect in lags.effects if effect != TORQUE_LAG.name)
-    return fit_inside_twin(problem, Packed(p, on), free, 2, effects)
+    return replace(lags, fitted=replace(lags.fitted, packed=Packed(p, on), free=free), effects=effects)
 
 
 def _cycles_near(problem: Problem, late: float) -> list[Problem]:
