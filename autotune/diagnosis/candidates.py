@@ -156,11 +156,13 @@ def explains_rest(problem: Problem, chosen: FittedCandidate, more: FittedCandida
 
     Half of it, where these need it for a name. Where they have one, they leave no more than true effects whose laws
     differ may leave, and such a rest resembles other effects in part: only what explains as much of it as a name asks
-    of all, on training and veto, is told from that.
+    of all, on training and veto, is told from that. A veto trajectory that was played once cannot say so of crumbs:
+    what is left there is known by a bound, which is as loud as they are.
     """
     policy, parts = problem.policy, explained_of_rest(problem, chosen.model_fit, more.model_fit)
     if chosen.named:
-        return all(part.share >= policy.named for part in parts)
+        told = problem.veto_repeats or not problem.has_veto
+        return told and all(part.share >= policy.named for part in parts)
     return parts[0].share >= policy.partly
 
 

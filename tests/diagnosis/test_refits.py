@@ -253,7 +253,10 @@ def test_beside_effects_that_have_a_name_a_further_one_explains_nearly_all_that_
     parts = [SimpleNamespace(share=one) for one in (training, veto)]
     monkeypatch.setattr(candidates, "explained_of_rest", lambda *_: parts)
     chosen, more = SimpleNamespace(model_fit=None, named=named), SimpleNamespace(model_fit=None)
-    assert explains_rest(SimpleNamespace(policy=POLICY), chosen, more) is explains
+    twice = SimpleNamespace(policy=POLICY, has_veto=True, veto_repeats=True)
+    assert explains_rest(twice, chosen, more) is explains
+    once = SimpleNamespace(policy=POLICY, has_veto=True, veto_repeats=False)
+    assert explains_rest(once, chosen, more) is (explains and not named), "of crumbs a bound says nothing"
 
 
 @pytest.mark.parametrize(
