@@ -260,14 +260,17 @@ def predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool
     """Whether data that were not fitted are explained better, beyond chance, whatever rests make of them.
 
     The veto trajectory says it where there is one: a course is told by all experiments together, and one that is left
-    out of the fit may be the only one that goes as far or as fast.
+    out of the fit may be the only one that goes as far or as fast. Played once it may be at a few of the places only;
+    experiments that were held out say it then, too, where it errs no more.
     """
     policy = problem.policy
     if problem.has_veto:
         rests = rests_of(problem, after.fitted.packed)
         left = [problem.mean_square(without_rests(one.fitted.error, rests), VETO) for one in (before, after)]
         fitted = after.fitted.cost <= (1.0 - policy.least_gain) * before.fitted.cost
-        return fitted and left[1] <= (1.0 - policy.least_gain) * left[0]
+        told = fitted and left[1] <= (1.0 - policy.least_gain) * left[0]
+        if told or problem.veto_repeats or left[1] > left[0]:
+            return told
     gain, z = gain_and_z(before.unseen, after.unseen)
     return gain >= policy.least_gain and policy.no_chance(gain, z)
 
