@@ -156,11 +156,13 @@ def explains_rest(problem: Problem, chosen: FittedCandidate, more: FittedCandida
 
     Half of it, where these need it for a name. Where they have one, they leave no more than true effects whose laws
     differ may leave, and such a rest resembles other effects in part: only what explains as much of it as a name asks
-    of all, on training and veto, is told from that.
+    of all, on training and veto, is told from that. A veto trajectory that was played once cannot say so of crumbs:
+    what is left there is known by a bound, which is as loud as they are.
     """
     policy, parts = problem.policy, explained_of_rest(problem, chosen.model_fit, more.model_fit)
     if chosen.named:
-        return all(part.share >= policy.named for part in parts)
+        told = problem.veto_repeats or not problem.has_veto
+        return told and all(part.share >= policy.named for part in parts)
     return parts[0].share >= policy.partly
 
 
@@ -258,14 +260,17 @@ def predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool
     """Whether data that were not fitted are explained better, beyond chance, whatever rests make of them.
 
     The veto trajectory says it where there is one: a course is told by all experiments together, and one that is left
-    out of the fit may be the only one that goes as far or as fast.
+    out of the fit may be the only one that goes as far or as fast. Played once it may be at a few of the places only;
+    experiments that were held out say it then, too, where it errs no more.
     """
     policy = problem.policy
     if problem.has_veto:
         rests = rests_of(problem, after.fitted.packed)
         left = [problem.mean_square(without_rests(one.fitted.error, rests), VETO) for one in (before, after)]
         fitted = after.fitted.cost <= (1.0 - policy.least_gain) * before.fitted.cost
-        return fitted and left[1] <= (1.0 - policy.least_gain) * left[0]
+        told = fitted and left[1] <= (1.0 - policy.least_gain) * left[0]
+        if told or problem.veto_repeats or left[1] > left[0]:
+            return told
     gain, z = gain_and_z(before.unseen, after.unseen)
     return gain >= policy.least_gain and policy.no_chance(gain, z)
 

@@ -325,7 +325,7 @@ def explained(
     column = of_friction(problem, after, correction, role)
     fall = _explainable_fall(problem, before.error, after.error, role, column)
     if not math.isfinite(problem.noise_variance(after.error, role)):
-        return Explained(fall, 0.0)
+        return Explained(fall, _beyond_loudest(problem, after, correction, role))
     rests = rests_of(problem, after.packed)
     rested, quiet, settled = beyond_rests(problem, after.error, correction, rests)
     missing = without_rests(before.error, rests)
@@ -343,6 +343,19 @@ def explained(
     of_chain = min(of_chain, MOST_OF_THE_FALL * max(moved, 0.0))
     still = max(left - of_chain, 0.0)
     return Explained(fall, still, certain, whole - still, moved)
+
+
+def _beyond_loudest(problem: Problem, after: Fitted, correction: Correction, role: str) -> float:
+    """What is left of a role that was played once beyond the noise of any repeated experiment [(N m)²].
+
+    Which of them its own noise is like nothing tells, so that it may be as loud as the loudest; without repeats
+    nothing is known, and nothing counts as left.
+    """
+    if not math.isfinite(problem.noise_variance(after.error, TRAINING)):
+        return 0.0
+    rested, quiet, settled = beyond_rests(problem, after.error, correction, rests_of(problem, after.packed))
+    loudest = float(quiet.repeatable_by_block(rested, settled, TRAINING)[:, 1].max())
+    return max(quiet.mean_square(rested, role) - loudest, 0.0)
 
 
 def _explainable_fall(

@@ -345,7 +345,15 @@ class Problem:
 
     @property
     def has_veto(self) -> bool:
-        return any(block.role == VETO and block.repeats > 1 for block in self.data.blocks)
+        """Whether there is a veto trajectory, and repeats that tell its noise: its own, or those of the training."""
+        return self.veto_repeats or (self.has(VETO) and self._repeats(TRAINING))
+
+    @property
+    def veto_repeats(self) -> bool:
+        return self._repeats(VETO)
+
+    def _repeats(self, role: str) -> bool:
+        return any(block.role == role and block.repeats > 1 for block in self.data.blocks)
 
 
 def led(data: Prepared) -> Prepared:

@@ -21,7 +21,7 @@ from autotune.estimation.contact_start import (
 )
 from autotune.estimation.coordinates import since_rest, without_rests
 from autotune.estimation.cross_validation import Explained, _explainable_fall, explained, of_friction
-from autotune.estimation.data import TRAINING
+from autotune.estimation.data import TEST, TRAINING, VETO, Block
 from autotune.estimation.disturbance_estimate import (
     by_certainty,
     null_errors,
@@ -111,6 +111,50 @@ def test_an_effect_must_explain_what_would_be_something_without_it(
     before = replace(after, fitted=replace(after.fitted, error=more))
     assert RepeatedProgramme().in_sight(problem, before, after) is seen
     assert not RepeatedProgramme().in_sight(problem, after, before), "it errs more"
+
+
+@pytest.mark.parametrize(("played", "counts"), [(1, True), (2, True), (0, False)])
+def test_a_veto_trajectory_counts_once_played_where_repeats_of_the_training_tell_the_noise(
+    begun: Begun, played: int, counts: bool
+) -> None:
+    problem = begun[0]
+    assert _with_veto(problem, played).has_veto is counts
+    alone = _with_veto(problem, played, training=1)
+    assert alone.has_veto is (played > 1), "nothing tells what of it is noise"
+    assert alone.veto_repeats is (played > 1)
+
+
+def test_of_a_veto_trajectory_that_was_played_once_no_more_is_left_than_is_beyond_the_loudest_experiment(
+    begun: Begun,
+) -> None:
+    """Its noise is known by a bound only; an error far beyond that is left, and lowers the share for a name."""
+    problem, model_fit = _with_veto(begun[0], 1), begun[1]
+    size = 10.0 * np.sqrt(problem.noise_variance(model_fit.fitted.error, TRAINING))
+    wave = size * problem.data.role(VETO) * np.sin(np.arange(len(problem.weight)) / 15.0)
+
+    def with_part(part: float) -> ModelFit:
+        error = model_fit.fitted.error + part * wave
+        return replace(model_fit, fitted=replace(model_fit.fitted, error=error))
+
+    def share(part: float) -> float:
+        before, after = with_part(1.0).fitted, with_part(part).fitted
+        return explained(problem, before, after, model_fit.correction, VETO).share
+
+    assert share(0.0) > 0.98
+    # 1 - 0.6², and some hundredths by what rests take and noise adds
+    assert share(0.6) == pytest.approx(0.64, abs=0.1)
+    assert share(1.2) == 0.0
+
+
+def _with_veto(problem: Problem, played: int, training: int = 2) -> Problem:
+    """The problem with its veto trajectory played so often, and each experiment of the training so often."""
+
+    def as_played(block: Block) -> Block:
+        if block.role == VETO:
+            return replace(block, repeats=played) if played else replace(block, role=TEST)
+        return replace(block, repeats=training) if block.role == TRAINING else block
+
+    return replace(problem, data=replace(problem.data, blocks=tuple(map(as_played, problem.data.blocks))))
 
 
 def test_what_counts_make_come_again_is_no_structure_and_is_excused_in_part(begun: Begun) -> None:

@@ -467,8 +467,8 @@ def test_a_load_that_does_not_ring_is_no_elastic_transmission(
     assert RepeatedProgramme().doubted(problem, fit, fit, first) == doubted
 
 
-def test_a_repeated_programme_without_veto_is_confirmed_by_another_recording_only() -> None:
-    problem = SimpleNamespace(twin=True, has_veto=False)
+def test_a_repeated_programme_without_repeated_veto_is_confirmed_by_what_is_carried_only() -> None:
+    problem = SimpleNamespace(twin=True, veto_repeats=False)
     carried = [HoldoutResult("spring", 0.5, 4.0, lowers=True)]
     assert RepeatedProgramme().confirms(problem, ["spring"], carried)
     assert not RepeatedProgramme().confirms(problem, ["spring"], [])
@@ -644,7 +644,8 @@ def test_what_was_found_first_must_be_worth_having_beside_the_rest(
     monkeypatch.setattr(backward, "explained_beside", lambda *_: part)
     monkeypatch.setattr(candidates, "explained_of_rest", lambda *_: [part])
     monkeypatch.setattr(backward, "least_fall", lambda *_: 0.01)
-    problem, fit = SimpleNamespace(policy=POLICY), SimpleNamespace(model_fit=None, named=True)
+    problem = SimpleNamespace(policy=POLICY, veto_repeats=True)
+    fit = SimpleNamespace(model_fit=None, named=True)
     steps = backward.Backward(problem, None, RepeatedProgramme(), no_progress)
     assert steps.enters_beside(fit, fit) == enters
 

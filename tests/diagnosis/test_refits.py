@@ -253,7 +253,10 @@ def test_beside_effects_that_have_a_name_a_further_one_explains_nearly_all_that_
     parts = [SimpleNamespace(share=one) for one in (training, veto)]
     monkeypatch.setattr(candidates, "explained_of_rest", lambda *_: parts)
     chosen, more = SimpleNamespace(model_fit=None, named=named), SimpleNamespace(model_fit=None)
-    assert explains_rest(SimpleNamespace(policy=POLICY), chosen, more) is explains
+    twice = SimpleNamespace(policy=POLICY, has_veto=True, veto_repeats=True)
+    assert explains_rest(twice, chosen, more) is explains
+    once = SimpleNamespace(policy=POLICY, has_veto=True, veto_repeats=False)
+    assert explains_rest(once, chosen, more) is (explains and not named), "of crumbs a bound says nothing"
 
 
 @pytest.mark.parametrize(
@@ -547,3 +550,29 @@ def test_a_motor_that_does_as_well_is_followed_in_the_place_of_what_a_load_press
 def _model(effects: tuple[str, ...], left: float) -> SimpleNamespace:
     """A model by its effects and what it leaves."""
     return SimpleNamespace(effects=effects, left=left)
+
+
+@pytest.mark.parametrize(
+    ("veto", "repeats", "gain", "better"),
+    [
+        (0.90, True, 0.0, True),
+        (0.99, True, 0.5, False),
+        (0.90, False, 0.0, True),
+        (0.99, False, 0.5, True),  # a spot that the veto passes beside
+        (0.99, False, 0.0, False),
+        (1.01, False, 0.5, False),  # the veto refutes it
+    ],
+)
+def test_of_a_veto_trajectory_that_was_played_once_experiments_held_out_tell_a_course_too(
+    monkeypatch: pytest.MonkeyPatch, veto: float, repeats: bool, gain: float, better: bool
+) -> None:
+    def fit(left: float, cost: float) -> SimpleNamespace:
+        return SimpleNamespace(fitted=SimpleNamespace(error=left, cost=cost, packed=None), unseen=None)
+
+    monkeypatch.setattr(candidates, "rests_of", lambda *_: None)
+    monkeypatch.setattr(candidates, "without_rests", lambda error, _: error)
+    monkeypatch.setattr(candidates, "gain_and_z", lambda *_: (gain, 10.0))
+    problem = SimpleNamespace(
+        policy=POLICY, has_veto=True, veto_repeats=repeats, mean_square=lambda error, _: error
+    )
+    assert candidates.predicts_better(problem, fit(1.0, 1.0), fit(veto, 0.5)) is better

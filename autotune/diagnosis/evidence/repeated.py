@@ -255,13 +255,16 @@ class RepeatedProgramme(Evidence):
         return any(gains.get(one, math.inf) >= problem.policy.rival_gain * own for one in stands_for)
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
-        """By the veto trajectory, which was never fitted, or by another recording; without a twin not at all."""
+        """By the veto trajectory, which was never fitted, or by another recording; without a twin not at all.
+
+        Played once the veto trajectory is as another recording: what is left there is known by a bound only.
+        """
         sure = {item.effect for item in carried if item.confirmed}
-        return problem.twin and (problem.has_veto or set(effects) <= sure)
+        return problem.twin and (problem.veto_repeats or set(effects) <= sure)
 
     def other_trajectories(self, problem: Problem) -> list[Flags]:
-        """Other recordings, where no veto trajectory was played."""
-        return [] if problem.has_veto else list(folds_of(problem))
+        """A veto trajectory that was played once, or other recordings, where none was played more often."""
+        return [] if problem.veto_repeats else list(folds_of(problem))
 
     def noise_rms(self, problem: Problem, model_fit: ModelFit) -> float:
         return math.sqrt(max(problem.noise_variance(model_fit.fitted.error, TRAINING, plain=True), 0.0))
