@@ -49,9 +49,9 @@ from autotune.estimation.controller_search import (
     law_from_data,
     plain_in_band,
     plainly_better,
-    positions_read,
 )
 from autotune.estimation.data import Prepared, known_resolution, step_of, stretches_of
+from autotune.estimation.disturbance import positions_read
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.twin_runs import slower
 from autotune.recordings.checks import at_limit, torque_of
@@ -109,9 +109,10 @@ def _or_between(
     data: Prepared, samples: LoopSamples, found: PositionController
 ) -> tuple[PositionController, ...]:
     """A law, and beside it or in its place that of a drive that works between the samples."""
+    sure = found.smooth and 1.0 - found.explained < EXACT  # beyond what a demand's steps hide
     # a law that sees the position at once, but needs what its reference does by itself: the drive interpolates
     between = found.in_band or (found.position_delay == 0 and found.acceleration_feedforward != 0.0)
-    if not data.repeated or (found.usable and not between):
+    if not data.repeated or (found.usable and (sure or not between)):
         return (found,)
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, samples.policy)
@@ -312,15 +313,15 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
     Its integral begins anew in every stretch and is right but for a constant from clamp to clamp.
     """
     seen = _seen(data)
-    held = seen.clamped
     samples = late_samples(seen, controller.reference_delay, controller.position_delay)
     samples = smeared_samples(samples, controller.part_late)
     if controller.ticks > 1:
         return _asked_between(samples, controller) + controller.constant + data.feedforward
-    terms = law_terms(smeared_samples(samples, controller.smeared), controller.derivative_filter)
-    demand = terms @ controller.terms_gains + controller.constant + data.feedforward
+    samples = smeared_samples(samples, controller.smeared)
+    terms = law_terms(samples, controller.derivative_filter, controller.smooth) @ controller.terms_gains
+    demand = terms + controller.constant + data.feedforward
     limit = data.metadata.torque_limit or np.inf
-    return np.asarray(np.where(held, np.clip(data.torque, -limit, limit), demand))
+    return np.asarray(np.where(seen.clamped, np.clip(data.torque, -limit, limit), demand))
 
 
 def _asked_between(late: LoopSamples, law: PositionController) -> Floats:

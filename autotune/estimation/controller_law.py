@@ -26,12 +26,21 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
-from autotune.core.kernel_cache import kernel
 from autotune.core.remembered import LastOf
 from autotune.estimation.data import step_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.recording import Controller
-from autotune.signals.between_samples import bend_between, delayed, finer, later, rate_between, row_means
+from autotune.signals.between_samples import (
+    around,
+    bend_between,
+    delayed,
+    filtered_rates,
+    filtered_terms,
+    finer,
+    later,
+    rate_between,
+    row_means,
+)
 from autotune.signals.triangle import Solved, reduced
 
 SHORTEST_RUN = 50  # samples between two clamps
@@ -67,8 +76,8 @@ class PositionController:
         smeared: share of the sample before in a recorded torque: a current loop's lag, read by the torque's own sensor.
         ticks: times that the law works from one sample to the next; `derivative_filter` is of a whole sample all the
             same. `cubic`: its reference is on cubics between them, else on straight lines. `smooth`: what it feeds
-            forward of rate and acceleration is on straight lines too, as where set points come with their rates; else
-            it is held.
+            forward of rate and acceleration is that of the set points, as where a planner gives them with their rates,
+            and on straight lines between them; else it is that of the step to each, and held.
         taken: how the torque of such a law was recorded, one of `TAKEN`.
         answer_delay: samples by which the torque of such a law answers late to all that it sees: what its loop takes to
             be computed, and a current loop to follow. `sensed`: it is the law of the torque by its own sensor.
@@ -186,6 +195,8 @@ class PositionController:
         """What the reference alone causes [N m], shape (n,), as the law sees it; `before`: a sample earlier."""
         rate = np.diff(reference, prepend=before) / period
         change = np.diff(rate, prepend=rate[:1]) / period
+        if self.smooth:
+            rate, change = around(reference, period)
         moved = self.velocity_feedforward * rate + self.acceleration_feedforward * change
         return np.asarray(moved + self.position_feedforward * reference + self.constant)
 
@@ -355,11 +366,16 @@ def share_explained(rest: Floats, demand: Floats) -> float:
     return 1.0 - float(np.var(rest)) / max(float(np.var(demand)), 1e-300)
 
 
-def law_terms(samples: LoopSamples, smoothing: float) -> Floats:
-    """Regressors, shape (n, 7): e, filtered rate of −y, held sum of e, filtered rate of r, rate of r, r, r̈."""
+def law_terms(samples: LoopSamples, smoothing: float, smooth: bool = False) -> Floats:
+    """Regressors, shape (n, 7): e, filtered rate of −y, held sum of e, filtered rate of r, rate of r, r, r̈.
+
+    Where set points come with their rates (`PositionController.smooth`) the rate of r and r̈ are around each row.
+    """
     known, moved = _UNFILTERED.answer((samples,), lambda: _unfiltered(samples))
     terms = known.copy()
-    _filtered(moved, known[:, 4], _edges(samples), smoothing, terms)
+    filtered_terms(moved, known[:, 4], _edges(samples), smoothing, terms)
+    for rows in samples.stretches if smooth else ():
+        terms[rows, 4], terms[rows, 6] = around(samples.reference[rows], samples.period)
     return terms
 
 
@@ -386,18 +402,6 @@ def _unfiltered(samples: LoopSamples) -> tuple[Floats, Floats]:
         terms[rows, 5] = samples.reference[rows]
         terms[rows, 6] = np.diff(wanted, prepend=wanted[:1]) / h
     return terms, moved
-
-
-@kernel
-def _filtered(moved: Floats, wanted: Floats, edges: Integers, smoothing: float, terms: Floats) -> None:
-    """Filtered rates of −y and r to columns 1 and 3; as `scipy.signal.lfilter` sums them, in each stretch."""
-    left = smoothing - 1.0
-    for i in range(len(edges)):
-        before, ahead = 0.0, 0.0
-        for k in range(edges[i, 0], edges[i, 1]):
-            rate, speed = before + smoothing * moved[k], ahead + smoothing * wanted[k]
-            terms[k, 1], terms[k, 3] = -rate, speed
-            before, ahead = -(left * rate), -(left * speed)
 
 
 def taken_at(fine: Floats, ticks: int, taken: str) -> Floats:
@@ -442,19 +446,8 @@ def filtered_rate(samples: LoopSamples, fine: Floats, ticks: int, rate: float) -
     step = samples.period / ticks
     moved = np.zeros(len(fine))
     edges = ticks * _edges(samples)
-    _filtered_rates(fine, edges, step, float(1.0 - np.exp(-rate * step)), moved)
+    filtered_rates(fine, edges, step, float(1.0 - np.exp(-rate * step)), moved)
     return moved
-
-
-@kernel
-def _filtered_rates(fine: Floats, edges: Integers, step: float, share: float, moved: Floats) -> None:
-    """Filtered rates of values, 0 at first, as `scipy.signal.lfilter` sums them, in each stretch."""
-    left = share - 1.0
-    for i in range(len(edges)):
-        ahead, last = 0.0, fine[edges[i, 0]]
-        for k in range(edges[i, 0], edges[i, 1]):
-            rate = ahead + share * ((fine[k] - last) / step)
-            moved[k], ahead, last = rate, -(left * rate), fine[k]
 
 
 def between_terms(samples: LoopSamples, law: PositionController, rate: float) -> Floats:

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
+from autotune.core.remembered import LastOf
 from autotune.estimation.controller_law import (
     SHORTEST_STRETCH,
     LoopSamples,
@@ -31,12 +32,13 @@ from autotune.estimation.controller_law import (
     whole_law,
 )
 from autotune.estimation.data import compared_below, step_of
-from autotune.estimation.disturbance import readings
+from autotune.signals.between_samples import around, missed_around
 from autotune.signals.filters import low_pass
 from autotune.signals.late_rows import in_time
 from autotune.signals.line_search import lowest, settled
+from autotune.signals.rounded_recursion import ROUNDED, gains_of_recursion, rows_told
 from autotune.signals.smooth_sign import SMOOTH_SIGNS
-from autotune.signals.triangle import reduced
+from autotune.signals.triangle import Solved, reduced
 
 PIECE_SECONDS = 3.0
 """Of a run that shares a constant: a sum that a drive makes between the samples wanders away from theirs."""
@@ -58,18 +60,15 @@ NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
 """Share of the demand left from which laws with delays are looked for, and of what is left, to be taken."""
 HARDLY_MORE = 1.01
 """Times the share left by a late law with all terms of the reference: a plainer one that leaves no more is taken."""
-WEIGHED, PROMPT = 30, 0.05
-"""Rounds of a fit that rows which are late shall not lead, and of all rows those that are not, at least."""
-SAME_DEMAND = 1e-6
-"""Of what a demand changes by: less is no chance."""
-ROUNDED, BESIDE, WITHIN_ROUNDING = 2.0, 3.0, 0.85
-"""Standard deviations within which 0.96 lie of what rounding leaves; times that, and of the rows that leave so little
-those within, at least: where noise is as large a half are."""
 AROUND_ROW = range(-2, 3)
 """Rows of the reference that feed a demand: those that a drive interpolates between, and its own dead time."""
-ROUGHER, SETTLING = (4.0, 2.0), 4
-"""Times what rounding leaves, at first, and rounds after."""
+STANDING, MOST_OF = MOST_LATE + 3, 0.5
+"""Rows at the start of a stretch whose second differences are none of a reference that is late. Of the square of all
+others: where those that are the planner's acceleration have less, no law is told by them."""
 ROWS_LATE = "Rows are written late: the controller was identified by those that are not."
+PLANNED = (
+    "The controller feeds forward what its planner knows of each row: its rate, its acceleration, or both."
+)
 IN_BAND = "It was found below {:.0f} Hz: what the drive does between the samples is left out."
 TURNS_OVER = (1e-5, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 """Of the reference's top speed: over which friction that is fed forward turns, from a plain sign to what hardly differs
@@ -79,6 +78,8 @@ ROUGHLY = 3e-3
 FINELY = 0.01
 """Of the speed over which a fed sign turns: to how much it is found."""
 _ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
+_SPANNING, QUICK_ROWS = (0.1, 0.3, 0.6, 1.0), 3_000
+"""Filters whose mixtures are near any, and rows of a first look with all of them."""
 _FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
@@ -90,6 +91,9 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         found = other if plainly_better(samples, other, found) else found
     if 1.0 - found.explained > NEARLY_EXACT:
         late = searched_late(samples)
+        planned = _planned(samples, late) if not _rounding_explains(samples, found) else None
+        if planned is not None:
+            return planned
         rounded = any(_rounding_explains(samples, law) for law in (found, late))
         prompt = None if rounded else _of_prompt_rows(samples)  # by all rows, where none is written late
         if prompt is not None:
@@ -112,6 +116,87 @@ def law_from_data(samples: LoopSamples) -> PositionController:
             banded, why=f"{banded.why} {IN_BAND.format(compared_below(samples.period))}", in_band=True
         )
     return replace(found, source="none")
+
+
+def _planned(samples: LoopSamples, late: PositionController) -> PositionController | None:
+    """The exact law of a host that feeds rate and acceleration of its own planner at the row's moment forward.
+
+    None where there is none, or where one without (`late`) leaves as little. Differences of the rows up to now are half
+    a row and a row off; those around the row are not, and the row to come was known when this one was commanded.
+    """
+    if 1.0 - late.explained <= EXACT:
+        return None
+    look = first_look(samples)
+    seen = {rows: late_samples(look, rows, rows) for rows in range(MOST_LATE + 1)}
+    near = [rows for rows, one in seen.items() if _left_by_planned(one) < NEARLY_EXACT]
+    if not near:
+        return None
+    trials = {rows: _best_filter(seen[rows], _fitted_planned).explained for rows in near}
+    rows = max(near, key=lambda one: trials[one])
+    shown = late_samples(samples, rows, rows)
+    found = _best_filter(shown, _fitted_planned)
+    exact = 1.0 - found.explained < EXACT or _rounding_explains(samples, found)
+    other = late_samples(samples, late.reference_delay, late.position_delay)
+    terms = law_terms(other, late.derivative_filter)
+    without = _solved_where(other, planner_rows(shown), terms, late.derivative_filter).explained
+    if not exact or 1.0 - found.explained >= WORTH_DELAYS * (1.0 - without) or found.kp <= 0.0:
+        return None
+    why = f"{PLANNED} {how_late(samples.period)}" if rows else PLANNED
+    return replace(found, smooth=True, reference_delay=rows, position_delay=rows, why=why)
+
+
+def _left_by_planned(samples: LoopSamples) -> float:
+    """Share of the demand that a law with its planner's rates leaves at least, of those so late, whatever its filter.
+
+    With several filters at once, whose mixtures are near any: by one of them alone a true law leaves more than others.
+    """
+    told = planner_rows(samples)
+    if not np.any(told):
+        return 1.0
+    terms = [law_terms(samples, smoothing, smooth=True) for smoothing in _SPANNING]
+    table = np.column_stack([terms[0], *(one[:, [1, 3]] for one in terms[1:])])
+    quick = replace(samples, most_rows=QUICK_ROWS)
+    return 1.0 - _solved_where(quick, told, table, _SPANNING[0]).explained
+
+
+def planner_rows(samples: LoopSamples) -> Flags:
+    """Rows in which second differences around them are the acceleration that a planner has there, shape (n,).
+
+    None where these are not most of what moves. By the inertia that the demand shows, what they are off by must come
+    to less than what an exact law may leave: a jerk that begins between two rows is in no difference of the rows.
+    """
+    return _PLANNER_ROWS.answer((samples,), lambda: _planner_rows(samples))
+
+
+_PLANNER_ROWS: LastOf[Flags] = LastOf(MOST_LATE + 1)
+
+
+def _planner_rows(samples: LoopSamples) -> Flags:
+    # a reference that is seen late stands at the start of a stretch, and leaps where it goes on
+    inside = np.concatenate([np.arange(rows.start + STANDING, rows.stop) for rows in samples.stretches])
+    bend, off = np.zeros((2, len(samples.reference)))
+    for rows in samples.stretches:
+        bend[rows] = around(samples.reference[rows], samples.period)[1]
+        off[rows] = missed_around(bend[rows])
+    told = np.zeros(len(bend), dtype=np.bool_)
+    if len(inside) > SHORTEST_STRETCH:
+        (moved, shared), (_, asked) = np.cov(bend[inside], samples.demand[inside])
+        told[inside] = off[inside] * abs(shared) < moved * np.sqrt(EXACT * asked)
+        told[inside] &= bool(np.sum(bend[told] ** 2) > MOST_OF * np.sum(bend[inside] ** 2))
+    return told
+
+
+def _fitted_planned(samples: LoopSamples, smoothing: float) -> PositionController:
+    """Gains of the law with its planner's rates, in the rows that tell them."""
+    terms = law_terms(samples, smoothing, smooth=True)
+    return whole_law(_solved_where(samples, planner_rows(samples), terms, smoothing), smoothing)
+
+
+def _solved_where(samples: LoopSamples, told: Flags, terms: Floats, smoothing: float) -> Solved:
+    """The demand by terms of shape (n, k), in those of the rows that are told, shape (n,)."""
+    chosen, run = law_rows(samples, smoothing)
+    kept = told[chosen]
+    return reduced(terms[chosen[kept]].T, samples.demand[chosen[kept]], run[kept]).fitted()
 
 
 def plainly_better(samples: LoopSamples, one: PositionController, other: PositionController) -> bool:
@@ -164,29 +249,16 @@ def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
             break
         table = np.column_stack([change[rows - 1], *(error[rows - back] for back in range(3))])
         slowest = np.argsort(slow[rows], kind="stable")[: len(rows) // 3]
-        gains, left, same, rounded = _recursion(table, change[rows], slowest, step)
+        gains, left, same, rounded = gains_of_recursion(table, change[rows], slowest, step)
         followed = np.diff(late.reference, prepend=late.reference[:1])[rows] != 0.0
         moved = followed & (np.abs(change[rows]) > rounded)
-        told = _told(left[moved], same, rounded)
+        told = rows_told(left[moved], same, rounded)
         if told > most:
             fed = _fed_not_late(late.reference, rows, (table, change[rows], moved), slowest, step, told)
             best, most = None if fed else _of_recursion(gains.tolist(), samples.period, delay), told
         if told and step == 0.0:
             break
     return best
-
-
-def _recursion(
-    table: Floats, wanted: Floats, slowest: Integers, step: float
-) -> tuple[Floats, Floats, float, float]:
-    """Gains of a recursion, told by its slowest rows first; what it leaves, shape (r,); and below which it leaves
-    nothing, and what rounding leaves of it [N m]."""
-    gains = _least_absolute(table[slowest], wanted[slowest], step)
-    if step > 0.0:
-        gains = _of_rounded(table, wanted, gains, step)
-    rounded = ROUNDED * _by_rounding(gains, step)
-    same = max(SAME_DEMAND * float(np.std(wanted)), rounded)
-    return gains, np.abs(wanted - table @ gains), same, rounded
 
 
 def _fed_not_late(
@@ -206,7 +278,7 @@ def _fed_not_late(
     table, wanted, moved = recursion
     bent = np.diff(reference, 2, prepend=reference[:2])
     table = np.column_stack([table, *(np.roll(bent, by)[rows] for by in AROUND_ROW)])
-    _, left, same, _ = _recursion(table, wanted, slowest, step)
+    _, left, same, _ = gains_of_recursion(table, wanted, slowest, step)
     both = int(np.count_nonzero(left[moved] < same))
     return bool(both - told > 0.5 * (np.count_nonzero(moved) - told))
 
@@ -215,90 +287,6 @@ def _rounding_explains(samples: LoopSamples, law: PositionController) -> bool:
     """Whether a law leaves no more than steps of the demand come to."""
     left = (1.0 - law.explained) * float(np.var(samples.demand))
     return left < (ROUNDED * samples.step) ** 2 / 12.0
-
-
-def _told(left: Floats, least: float, rounded: float) -> int:
-    """How many rows a recursion explains to `least` [N m], by what it leaves of those that move; 0 where they tell no
-    law.
-
-    Of what lies near what rounding leaves (`rounded`) most must lie within.
-    """
-    same, near = int(np.sum(left < least)), int(np.sum(left < BESIDE * rounded))
-    return same if same > max(PROMPT * max(len(left), SHORTEST_STRETCH), WITHIN_ROUNDING * near) else 0
-
-
-def _by_rounding(gains: Floats, step: float) -> float:
-    """Standard deviation of what three demands that are rounded to steps leave of the recursion."""
-    memory = float(gains[0])
-    return step * float(np.sqrt((1.0 + (1.0 + memory) ** 2 + memory**2) / 12.0))
-
-
-def _of_rounded(table: Floats, wanted: Floats, gains: Floats, step: float) -> Floats:
-    """The gains told by all rows that they explain to rounding: slow rows, whose demand changes by a few steps, tell
-    them roughly.
-
-    The change before, the first column, is rounded as the wanted one is: two demands each, one of them in both. Without
-    their moments least squares would take it for smaller.
-    """
-    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    variance = step**2 / 12.0
-    for times in (*ROUGHER, *(1.0 for _ in range(SETTLING))):
-        rows = np.abs(wanted - table @ gains) < times * ROUNDED * _by_rounding(gains, step)
-        if np.count_nonzero(rows) < SHORTEST_STRETCH:
-            break
-        part, told = table[rows] / size, int(np.count_nonzero(rows))
-        inner, along = part.T @ part, part.T @ wanted[rows]
-        inner[0, 0] -= 2.0 * told * variance / size[0] ** 2
-        along[0] += told * variance / size[0]
-        gains = np.linalg.lstsq(inner, along, rcond=1e-14)[0] / size
-    return np.asarray(gains)
-
-
-def positions_read(samples: LoopSamples, law: PositionController, counts: float) -> Floats | None:
-    """Positions as the controller read them, shape (n,), where rows hold later ones; None where none does.
-
-    By a law that is exact at the samples and has no feedforward; and where a demand tells a reading to half a count, as
-    roundings of demands would add up in readings one after the other. `counts`: of the encoder, 0 for none.
-    """
-    forward = law.velocity_feedforward, law.position_feedforward, law.acceleration_feedforward
-    if not law.exact or law.ticks > 1 or law.smeared or any(forward):
-        return None
-    memory, rate = 1.0 - law.derivative_filter, law.kd * law.derivative_filter / samples.period
-    summed = law.ki * samples.period
-    of_error = np.array([law.kp + summed, -law.kp * (1.0 + memory) - memory * summed, memory * law.kp])
-    of_rate = rate * np.array([1.0, -2.0, 1.0])
-    recursion = np.concatenate([[memory], of_error + law.reference_rate * of_rate, of_error + of_rate])
-    step = samples.step
-    least = SAME_DEMAND * float(np.std(np.diff(samples.position)))
-    within = max(BESIDE * _by_rounding(recursion, step) / float(recursion[4]), least)
-    if within > 0.5 * counts and step > 0.0:
-        return None
-    late = late_samples(samples, law.reference_delay, law.position_delay)
-    told, found = samples.position.copy(), False
-    for rows in samples.stretches:
-        seen = late.reference[rows], late.position[rows], late.demand[rows]
-        read = readings(seen, late.clamped[rows], recursion, within, counts)
-        if read is not None:
-            told[rows.start : rows.stop - law.position_delay] = read[law.position_delay :]
-            found = True
-    return told if found else None
-
-
-def _least_absolute(table: Floats, wanted: Floats, step: float = 0.0) -> Floats:
-    """Gains of the columns that leave least in absolute value, shape (k,): rows that are wrong do not count.
-
-    Least squares that weigh every row by what it left before, or by the `step` that demands are rounded to.
-    """
-    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    weight = np.ones(len(wanted))
-    gains = np.zeros(table.shape[1])
-    least = max(SAME_DEMAND**2 * float(np.std(wanted)), step)
-    if least == 0.0:  # a demand that never changes in these rows tells nothing
-        return gains
-    for _ in range(WEIGHED):
-        gains = np.linalg.lstsq(table / size * weight[:, None], weight * wanted, rcond=1e-12)[0] / size
-        weight = 1.0 / np.sqrt(np.maximum(np.abs(wanted - table @ gains), least))
-    return np.asarray(gains)
 
 
 def _recursive_rows(samples: LoopSamples) -> Integers:

@@ -16,7 +16,9 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats
+from autotune.estimation.controller_law import LoopSamples, PositionController, late_samples
 from autotune.models.compiled import compiled
+from autotune.signals.rounded_recursion import BESIDE, SAME, by_rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,3 +189,33 @@ ON_THE_WAY = 0.95
 """Of the rows that hold another position than was read, those that are ahead on the way: else none was late."""
 STILL = Disturbance()
 """Nothing shakes the axis."""
+
+
+def positions_read(samples: LoopSamples, law: PositionController, counts: float) -> Floats | None:
+    """Positions as the controller read them, shape (n,), where rows hold later ones; None where none does.
+
+    By a law that is exact at the samples and has no feedforward; and where a demand tells a reading to half a count, as
+    roundings of demands would add up in readings one after the other. `counts`: of the encoder, 0 for none.
+    """
+    forward = law.velocity_feedforward, law.position_feedforward, law.acceleration_feedforward
+    if not law.exact or law.ticks > 1 or law.smeared or any(forward):
+        return None
+    memory, rate = 1.0 - law.derivative_filter, law.kd * law.derivative_filter / samples.period
+    summed = law.ki * samples.period
+    of_error = np.array([law.kp + summed, -law.kp * (1.0 + memory) - memory * summed, memory * law.kp])
+    of_rate = rate * np.array([1.0, -2.0, 1.0])
+    recursion = np.concatenate([[memory], of_error + law.reference_rate * of_rate, of_error + of_rate])
+    step = samples.step
+    least = SAME * float(np.std(np.diff(samples.position)))
+    within = max(BESIDE * by_rounding(recursion, step) / float(recursion[4]), least)
+    if within > 0.5 * counts and step > 0.0:
+        return None
+    late = late_samples(samples, law.reference_delay, law.position_delay)
+    told, found = samples.position.copy(), False
+    for rows in samples.stretches:
+        seen = late.reference[rows], late.position[rows], late.demand[rows]
+        read = readings(seen, late.clamped[rows], recursion, within, counts)
+        if read is not None:
+            told[rows.start : rows.stop - law.position_delay] = read[law.position_delay :]
+            found = True
+    return told if found else None

@@ -7,8 +7,9 @@ from functools import reduce
 from operator import add
 
 import numpy as np
+import scipy
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Floats, Integers
 from autotune.core.kernel_cache import kernel
 
 
@@ -87,11 +88,57 @@ def bend_between(reference: Floats, period: float, ticks: int, smooth: bool) -> 
     return finer(bend, ticks, cubic=False) if smooth else np.repeat(bend, ticks)
 
 
+def around(values: Floats, period: float) -> tuple[Floats, Floats]:
+    """Rate and second difference around each of the values, shape (n,) each; at both ends those of the parabola there.
+
+    What a planner knows at the moment of a row, where motion is smooth: of its acceleration a second difference has
+    a twelfth of the fourth one more.
+    """
+    if len(values) < 3:
+        return np.zeros(len(values)), np.zeros(len(values))
+    bend = np.diff(values, 2) / period**2
+    rate = np.asarray(np.gradient(values, period, edge_order=2))
+    return rate, np.concatenate([bend[:1], bend, bend[-1:]])
+
+
+def missed_around(bend: Floats) -> Floats:
+    """How much second differences around values, shape (n,), may be off from what is at the value's moment, shape (n,).
+
+    The leading term of smooth motion, a twelfth of the fourth difference: the largest of a row and its neighbours, as
+    what begins between two rows is in both.
+    """
+    bends = np.diff(bend, 2, prepend=bend[:1], append=bend[-1:])
+    return np.asarray(scipy.ndimage.maximum_filter1d(np.abs(bends), 3) / 12.0)
+
+
 def rate_between(reference: Floats, fine: Floats, period: float, ticks: int, smooth: bool) -> Floats:
     """Rate of the reference between set points: on lines from one to the next if smooth, else by its steps."""
     if smooth:
         return finer(np.asarray(np.gradient(reference)) / period, ticks, cubic=False)
     return np.asarray(np.diff(fine, prepend=fine[:1]) * (ticks / period))
+
+
+@kernel
+def filtered_terms(moved: Floats, wanted: Floats, edges: Integers, smoothing: float, terms: Floats) -> None:
+    """Filtered rates of −y and r to columns 1 and 3; as `scipy.signal.lfilter` sums them, in each stretch."""
+    left = smoothing - 1.0
+    for i in range(len(edges)):
+        before, ahead = 0.0, 0.0
+        for k in range(edges[i, 0], edges[i, 1]):
+            rate, speed = before + smoothing * moved[k], ahead + smoothing * wanted[k]
+            terms[k, 1], terms[k, 3] = -rate, speed
+            before, ahead = -(left * rate), -(left * speed)
+
+
+@kernel
+def filtered_rates(fine: Floats, edges: Integers, step: float, share: float, moved: Floats) -> None:
+    """Filtered rates of values, 0 at first, as `scipy.signal.lfilter` sums them, in each stretch."""
+    left = share - 1.0
+    for i in range(len(edges)):
+        ahead, last = 0.0, fine[edges[i, 0]]
+        for k in range(edges[i, 0], edges[i, 1]):
+            rate = ahead + share * ((fine[k] - last) / step)
+            moved[k], ahead, last = rate, -(left * rate), fine[k]
 
 
 def between_moments(values: Floats) -> Floats:

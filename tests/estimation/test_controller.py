@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import ndimage, signal
 
-from autotune.estimation import controller
+from autotune.core.arrays import Floats
+from autotune.estimation import controller, controller_search
 from autotune.estimation.alignment import a_row_sooner
 from autotune.estimation.controller import (
     as_read,
@@ -31,7 +32,9 @@ from autotune.estimation.controller_search import (
     _late_trials,
     _of_prompt_rows,
     first_look,
+    law_from_data,
     plain_in_band,
+    planner_rows,
     searched_late,
 )
 from autotune.estimation.data import prepare
@@ -224,6 +227,91 @@ def test_delays_are_told_where_the_filter_lies_between_those_that_are_tried() ->
     assert found.derivative_filter == pytest.approx(0.1715, rel=0.01)
 
 
+def planned(late: int, backward: bool, step: float = 0.0) -> tuple[LoopSamples, Floats]:
+    """A host that feeds speed and acceleration forward, so many rows late; and its planner's acceleration, shape (n,).
+
+    Moves of sin² speed begin on a row and end between two. `backward`: by differences of its rows up to now. The demand
+    is rounded to `step` times its spread.
+    """
+    h, seconds, size = 1e-3, 0.2437, 0.8
+    time = np.arange(40_000) * h
+    since = np.clip(time % 0.5, 0.0, seconds)
+    sign = np.where(time % 1.0 < 0.5, 1.0, -1.0)
+    turn = 2.0 * np.pi / seconds
+    way = since / seconds - np.sin(turn * since) / (2.0 * np.pi)
+    reference = size * np.where(sign > 0.0, way, 1.0 - way)
+    moves = (since > 0.0) & (since < seconds)
+    speed = sign * moves * size * (1.0 - np.cos(turn * since)) / seconds
+    acceleration = sign * moves * size * turn * np.sin(turn * since) / seconds
+    for hertz in (0.7, 3.1):
+        reference = reference + 0.1 * np.sin(2.0 * np.pi * hertz * time)
+        speed = speed + 0.1 * 2.0 * np.pi * hertz * np.cos(2.0 * np.pi * hertz * time)
+        acceleration = acceleration - 0.1 * (2.0 * np.pi * hertz) ** 2 * np.sin(2.0 * np.pi * hertz * time)
+    noise = np.convolve(
+        np.random.default_rng(4).normal(0.0, 5e-4, len(time) + 4), np.ones(5) / 5.0, mode="valid"
+    )
+    position = np.round((signal.lfilter([0.2], [1.0, -0.8], reference) + noise) / 1e-5) * 1e-5
+    fed = speed, acceleration
+    if backward:
+        rate = np.diff(reference, prepend=reference[0]) / h
+        fed = rate, np.diff(rate, prepend=rate[0]) / h
+    change = np.diff(reference - position, prepend=reference[0] - position[0]) / h
+    demand = 40.0 * (reference - position) + 0.2 * signal.lfilter([0.4], [1.0, -0.6], change)
+    demand += 900.0 * h * np.cumsum(reference - position) + 0.05 * fed[0] + 0.02 * fed[1]
+    demand = delayed(demand, late, float(demand[0]))
+    if step > 0.0:
+        demand = np.rint(demand / (step * np.std(demand))) * step * np.std(demand)
+    free = np.zeros(len(time), dtype=np.bool_)
+    return LoopSamples(h, reference, position, demand, free, (slice(0, len(time)),), None), acceleration
+
+
+@pytest.mark.parametrize(("late", "step"), [(0, 0.0), (1, 0.0), (2, 0.0), (1, 3e-3)])
+def test_a_host_that_feeds_its_planners_acceleration_has_an_exact_law(late: int, step: float) -> None:
+    """By differences around the row: those up to it leave what no rounding explains, and behind a delay another one."""
+    samples, acceleration = planned(late, backward=False, step=step)
+    found = identified(samples)
+    assert found.exact
+    assert found.smooth
+    assert (found.reference_delay, found.position_delay) == (late, late)
+    assert (found.kp, found.kd, found.ki) == pytest.approx((40.0, 0.2, 900.0), rel=0.01)
+    # beside the rate's own gain, 0.2, a demand in steps tells it less well
+    assert found.velocity_feedforward == pytest.approx(0.05, abs=0.005)
+    assert found.acceleration_feedforward == pytest.approx(0.02, rel=0.01)
+    assert "what its planner knows" in found.why
+    alone = replace(found, velocity_feedforward=0.0, position_feedforward=0.0, constant=0.0)
+    fed = alone.feedforward(samples.reference, float(samples.reference[0]), samples.period)
+    assert np.median(np.abs(fed - 0.02 * acceleration)) < 1e-2 * 0.02 * np.std(acceleration)
+
+
+@pytest.mark.parametrize("late", [0, 2])
+def test_a_host_that_feeds_differences_of_its_rows_keeps_its_law(late: int) -> None:
+    found = identified(planned(late, backward=True)[0])
+    assert found.exact
+    assert not found.smooth
+    assert (found.reference_delay, found.position_delay) == (late, late)
+    assert found.acceleration_feedforward == pytest.approx(0.02, rel=1e-3)
+
+
+def test_a_planners_law_is_exact_or_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A torque by a noisy sensor hides whose differences were fed: what was found before stays, to the last bit."""
+    samples, _ = planned(1, backward=False)
+    noise = np.random.default_rng(3).normal(0.0, 0.02 * np.std(samples.demand), len(samples.demand))
+    noisy = replace(samples, demand=samples.demand + noise)
+    found = law_from_data(noisy)
+    monkeypatch.setattr(controller_search, "_planned", lambda *_: None)
+    assert not found.smooth
+    assert found == law_from_data(noisy)
+
+
+def test_set_points_on_lines_and_in_counts_tell_no_planners_acceleration() -> None:
+    samples, _ = planned(0, backward=False)
+    assert np.mean(planner_rows(samples)) > 0.9
+    rows = np.arange(len(samples.reference))
+    lines = np.interp(rows, rows[::8], samples.reference[::8])
+    assert not np.any(planner_rows(replace(samples, reference=lines)))
+    assert not np.any(planner_rows(replace(samples, reference=np.rint(samples.reference / 1e-3) * 1e-3)))
+
+
 def test_an_exact_law_tells_a_demand_as_it_was_before_it_was_rounded() -> None:
     recording = recorded(TRUE)
     step = 0.05 * float(np.std(recording["torque"]))
@@ -315,6 +403,11 @@ def test_an_exact_law_that_needs_its_references_bend_may_be_a_drives(
     samples = controller.loop_samples(prepare([recorded(TRUE, seconds=8.0)]))
     found = controller._or_between(SimpleNamespace(repeated=repeated, sensed=None), samples, law)
     assert found == (law, between)[: 1 + others]
+    # what a planner knows of the row to come no drive has that is on its way there, but where a demand's steps hide it
+    for explained, more in ((1.0 - 1e-7, 0), (1.0 - 1e-5, others)):
+        ahead = replace(law, smooth=True, explained=explained)
+        beside = controller._or_between(SimpleNamespace(repeated=repeated, sensed=None), samples, ahead)
+        assert beside == (ahead, between)[: 1 + more]
 
 
 def test_a_torque_by_its_sensor_holds_a_part_of_the_sample_before() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from autotune.signals.between_samples import later, mean_answer, row_means
+from autotune.signals.between_samples import around, later, mean_answer, missed_around, row_means
 
 
 def test_a_laws_mean_answer_is_what_it_makes_of_straight_lines_between_the_samples() -> None:
@@ -34,3 +34,22 @@ def test_of_what_comes_late_some_may_be_asked_for_alone(count: float) -> None:
     values = np.random.default_rng(4).normal(size=(3, 60))
     for every in (1, 2, 4):
         assert np.array_equal(later(values, count, every), later(values, count)[:, ::every])
+
+
+@pytest.mark.parametrize("hertz", [1.0, 8.0])
+def test_differences_around_a_row_are_the_rates_there_but_for_what_they_are_said_to_miss(
+    hertz: float,
+) -> None:
+    period, turn = 1e-3, 2.0 * np.pi * hertz
+    time = np.arange(2000) * period
+    rate, bend = around(np.sin(turn * time), period)
+    inside = slice(3, -3)  # the parabolas at both ends are of another kind
+    off = np.abs(bend + turn**2 * np.sin(turn * time))[inside]
+    missed = missed_around(bend)[inside]
+    rounding = 1e-15 / period**2
+    assert np.all(off <= 1.01 * missed + rounding)
+    assert np.max(off) > 0.9 * np.max(missed)
+    # the rate is off by a sixth of the square of what a period turns by
+    assert np.max(np.abs(rate - turn * np.cos(turn * time))[inside]) < 0.17 * turn * (turn * period) ** 2
+    straight = around(np.arange(2.0), period)
+    assert np.all(np.concatenate(straight) == 0.0)
