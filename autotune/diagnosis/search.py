@@ -441,11 +441,11 @@ def _lags_after_all(state: SearchState) -> bool:
 
 
 def _is_dead_time(state: SearchState) -> bool:
-    """Whether what looks like a lag is a dead time of a row at most: then the chain has it, and all is looked for anew.
+    """Whether what looks like a lag is a dead time of three rows at most: then the chain has it, and all begins anew.
 
     A lag is told from a delay by how it bends the torque. Beside all that was found, what errs less beyond chance is
-    what it is. Where neither does, and no longer dead time errs more either, the lag keeps its name and is not
-    confirmed (`SearchState.delayed`).
+    what it is. Where neither does, of a row or of three, the lag keeps its name and is not confirmed
+    (`SearchState.delayed`).
     """
     chosen, apart = state.chosen, state.evidence.apart
     state.delayed = False
@@ -456,7 +456,7 @@ def _is_dead_time(state: SearchState) -> bool:
         found = dead_time_in_place(state.problem, lags, most)
         if found is None:
             continue
-        if most == 1 and apart(state.problem, found[1], lags):
+        if apart(state.problem, found[1], lags):
             state.progress("a dead time in the place of a lag")
             root, _ = fitted_again(found[0], state.root, [])
             state.problem, state.root = with_noise_of(found[0], root)

@@ -644,22 +644,26 @@ def test_a_lag_is_told_from_a_dead_time_by_what_errs_less_beyond_chance(
     assert search.delayed == delayed
 
 
-def test_a_lag_that_a_dead_time_of_some_rows_does_as_well_is_not_confirmed(
-    begun: Begun, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("told", [False, True], ids=["as well", "better"])
+def test_a_dead_time_of_some_rows_is_asked_as_one_of_a_row_is(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, told: bool
 ) -> None:
+    """Whole cycles of as many rows are a bus; where the longer dead time is not told either, no name is confirmed."""
     problem, root = begun
     lags = _lagging(begun, 2.4e-3, ("torque_lag",))
     chosen = FittedCandidate("torque_lag", lags, 0.6, Explained(1.0, 0.0), None, named=True)
 
     def found(_: Problem, __: ModelFit, most: int) -> Begun | None:
-        return (replace(problem), root) if most > 1 else None
+        return (behind, root) if most > 1 else None
 
+    behind = replace(problem)
     monkeypatch.setattr("autotune.diagnosis.search.dead_time_in_place", found)
-    monkeypatch.setattr(RepeatedProgramme, "apart", lambda *_: False)
+    monkeypatch.setattr("autotune.diagnosis.search.with_noise_of", lambda *both: both)
+    monkeypatch.setattr(RepeatedProgramme, "apart", lambda _, __, less, more: told and less is root)
     search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme(), chosen=chosen)
-    assert not _is_dead_time(search)
-    assert search.delayed
-    assert search.problem is problem
+    assert _is_dead_time(search) == told
+    assert search.delayed != told
+    assert search.problem is (behind if told else problem)
 
 
 @pytest.mark.parametrize(("left", "taken"), [(1.0, True), (1.05, False)])
