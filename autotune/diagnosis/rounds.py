@@ -312,7 +312,7 @@ def otherwise(state: SearchState, before: ModelFit, loaded: ModelFit) -> tuple[P
     if found is None:
         return None
     state.progress("twins that are shaken or controlled otherwise")
-    return found if found is not late else settled_in(without_long_lag(found[0]), found[1])
+    return found if found is not late else settled_in(without_long_lag(*found), found[1])
 
 
 def _lags_as_much(state: SearchState, before: ModelFit, loaded: ModelFit) -> tuple[Problem, ModelFit] | None:

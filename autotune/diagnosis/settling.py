@@ -180,7 +180,7 @@ def _late_beside(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     late, settled = found
 
     def moved() -> FittedCandidate:
-        there = state.moved(without_long_lag(late), replace(best, model_fit=settled))
+        there = state.moved(without_long_lag(late, settled), replace(best, model_fit=settled))
         return refined(state.problem, state.root, there, state.progress)
 
     return _kept(state, best, least, moved)

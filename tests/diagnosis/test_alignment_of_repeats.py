@@ -22,6 +22,7 @@ from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.evidence.torque_path import (
     cycles_in_place,
     dead_time_in_place,
+    is_longer,
     lag_in_loop,
     late_anew,
     recorded_otherwise,
@@ -298,7 +299,7 @@ def test_a_delay_that_was_taken_for_the_moment_of_recording_is_found_in_the_loop
     assert found is not None
     assert (found[0].data.late, found[0].data.shift) == (0.0, 0.0)
     assert found[0].data.lag == pytest.approx(lag, abs=1.5e-4)
-    kept = without_long_lag(found[0])
+    kept = without_long_lag(*found)
     assert (kept.data.lag > 0.0) == ordinary
     assert kept.data.shift == 0.0
     if ordinary:
@@ -456,6 +457,21 @@ def test_a_lag_that_any_current_loop_has_is_no_effect(
     candidate = FittedCandidate("torque_lag", model_fit, 0.1, Explained(1.0, 0.0), None, named=True)
     for evidence in (RepeatedProgramme(), SingleRecording()):
         assert evidence.of_the_chain(problem, candidate) == own
+
+
+@pytest.mark.parametrize(
+    ("lag", "between", "longer"), [(4.7e-4, True, False), (4.7e-4, False, True), (9e-4, True, True)]
+)
+def test_behind_a_drives_loop_a_lag_is_longer_by_what_an_ordinary_one_would_leave(
+    begun: Begun, lag: float, between: bool, longer: bool
+) -> None:
+    """However well it is known: 20 µs beyond the slowest current loop say nothing of an axis behind a fitted loop."""
+    problem = begun[0]
+    assert problem.controller is not None
+    problem = replace(problem, controller=replace(problem.controller, ticks=4 if between else 1))
+    left = np.random.default_rng(3).standard_normal(len(problem.training)) * (problem.training > 0)
+    error = 0.1e-3 * math.sqrt(4.0 / np.count_nonzero(problem.training))  # noise is as much as 0.1 ms leave
+    assert is_longer(problem, left, lag, error) == longer
 
 
 def test_noise_that_is_swallowed_explains_nothing_again(begun: Begun) -> None:

@@ -8,10 +8,7 @@ from dataclasses import dataclass
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
-from autotune.diagnosis.evidence.torque_path import SURE
-from autotune.estimation.alignment import (
-    CURRENT_LOOP,
-)
+from autotune.diagnosis.evidence.torque_path import is_longer
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.least_squares import standard_errors
 from autotune.estimation.policy import Policy
@@ -152,7 +149,7 @@ class Evidence(ABC):
             (e for e, one in zip(errors, fitted.free, strict=True) if one.slot == TIME_CONSTANT), default=0.0
         )
         lag = problem.data.lag + float(fitted.packed.p[TIME_CONSTANT])
-        return lag - SURE * float(error) <= CURRENT_LOOP
+        return not is_longer(problem, fitted.error, lag, float(error))
 
     def look_alikes(self, problem: Problem, effect: str) -> list[str]:
         """Effects that may do as well as a single one that was found, though nothing made them candidates for it."""

@@ -354,10 +354,32 @@ def _behind_lag(
     return fit_inside_twin(problem, Packed(p, on), free, 2, (*model_fit.effects, TORQUE_LAG.name))
 
 
+def is_longer(problem: Problem, left: Floats, lag: float, error: float) -> bool:
+    """Whether a lag [s] with that standard error, which leaves `left`, is longer than an ordinary current loop's.
+
+    When a host's torque acts is known by its law: beyond doubt will do. Behind a drive's own loop it is known by how
+    that was fitted, over many rows to microseconds: there an ordinary one must leave more by what would say of itself
+    that something is missing.
+    """
+    beyond = lag - CURRENT_LOOP
+    if beyond <= SURE * error or not _loops_between(problem):
+        return beyond > SURE * error
+    rows = problem.training > 0
+    square = float(np.mean(left[rows] ** 2))
+    more = CORRELATED * square * beyond**2 / rows.sum()
+    return bool(more > problem.policy.structure_part * _noise(problem, left) * error**2)
+
+
+def _noise(problem: Problem, left: Floats) -> float:
+    """Variance of what an error's repeats do not share, no more than all of it [(N m)²]."""
+    return float(np.fmin(problem.noise_variance(left, TRAINING), np.mean(left[problem.training > 0] ** 2)))
+
+
 def _is_long(problem: Problem, lags: ModelFit) -> bool:
-    """Whether the lag that was freed last is longer than an ordinary current loop's, beyond doubt."""
-    error = float(standard_errors(lags.fitted, problem.training)[-1])
-    return float(lags.fitted.packed.p[TIME_CONSTANT]) - SURE * error > CURRENT_LOOP
+    """Whether the lag that was freed last is longer than an ordinary current loop's."""
+    fitted = lags.fitted
+    error = float(standard_errors(fitted, problem.training)[-1])
+    return is_longer(problem, fitted.error, float(fitted.packed.p[TIME_CONSTANT]), error)
 
 
 def without_rounding(problem: Problem, model_fit: ModelFit) -> Problem:
@@ -400,8 +422,21 @@ def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
         early, late = CHAIN
         earliest, latest = 2.0 * (early - BESIDE / data.period), 2.0 * (late + FILTERED / data.period)
     if best < earliest:
-        return _without_cycles(problem, model_fit)
+        cycles = _without_cycles(problem, model_fit)
+        return _moved_to(problem, model_fit, earliest, lowest_cost) if cycles is problem else cycles
     return problem if best > latest else _with(problem, shifted(data, best))
+
+
+def _moved_to(problem: Problem, model_fit: ModelFit, shift: float, least: float) -> Problem:
+    """The problem with its torque moved so far at most, where what a longer way would take off says nothing by itself.
+
+    No way of recording ends at a number that is known to microseconds (`is_longer`).
+    """
+    moved = shifted(problem.data, shift)
+    left = _left(problem, model_fit, moved)
+    cost, here = _cost(problem, left), _cost(problem, _left(problem, model_fit, problem.data))
+    spare = problem.policy.structure_part * _noise(problem, left) * float(np.sum(problem.training))
+    return _with(problem, moved) if cost - least <= spare and cost <= WORTH_ALIGNING * here else problem
 
 
 def late_anew(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
@@ -441,13 +476,13 @@ def _lag_in_loop(problem: Problem, model_fit: ModelFit) -> Problem:
     return _with(problem, replace(best.data, lag_error=_error_of_lag(problem, model_fit, best)))
 
 
-def without_long_lag(problem: Problem) -> Problem:
+def without_long_lag(problem: Problem, model_fit: ModelFit) -> Problem:
     """The problem of `late_anew` with its torque as recorded, where its lag is longer than an ordinary current loop's.
 
     That is an effect, and none of the chain.
     """
     data = problem.data
-    if data.lag - SURE * data.lag_error <= CURRENT_LOOP:
+    if not is_longer(problem, model_fit.fitted.error, data.lag, data.lag_error):
         most = min(data.lag, CURRENT_LOOP)
         return _with(problem, replace(behind_current_loop(data, most), lag_error=data.lag_error))
     return _with(problem, shifted(data, data.shift))
@@ -538,8 +573,9 @@ def _loops_between(problem: Problem) -> bool:
 
 
 def _is_current_loop(problem: Problem, model_fit: ModelFit, late: _Late, stages: int = 1) -> bool:
-    """Whether a lag is not beyond doubt longer than that of an ordinary current loop."""
-    return late.data.lag - SURE * _error_of_lag(problem, model_fit, late, stages) <= CURRENT_LOOP
+    """Whether a lag is not longer than that of an ordinary current loop."""
+    error = _error_of_lag(problem, model_fit, late, stages)
+    return not is_longer(problem, late.rest, late.data.lag, error)
 
 
 def _late_by(problem: Problem, model_fit: ModelFit, cycles: int, stages: int = 1) -> _Late:
