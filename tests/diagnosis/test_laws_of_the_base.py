@@ -84,8 +84,8 @@ def test_an_effect_is_named_beside_it() -> None:
 @pytest.mark.parametrize(
     "effects",
     [
-        pytest.param({}, marks=pytest.mark.slow(30)),
-        pytest.param({"gravity_imbalance": 0.02}, marks=pytest.mark.long),
+        pytest.param({}, marks=pytest.mark.long),
+        pytest.param({"gravity_imbalance": 0.02}, marks=pytest.mark.slow(50)),
     ],
     ids=["alone", "beside an effect"],
 )
