@@ -262,9 +262,8 @@ def test_friction_of_many_contacts_is_a_law_of_the_base_and_no_memory() -> None:
 @pytest.mark.parametrize(
     ("effect", "size"),
     [
-        pytest.param(
-            "reversal_memory", 0.06, marks=pytest.mark.slow(20)
-        ),  # one that goes on beyond them is one
+        # a memory that goes on beyond them is one
+        pytest.param("reversal_memory", 0.06, marks=pytest.mark.slow(20)),
         pytest.param("nonlinear_viscous", 0.02, marks=pytest.mark.long),
     ],
 )
@@ -273,7 +272,7 @@ def test_an_effect_is_named_beside_many_contacts(effect: str, size: float) -> No
     assert (found.verdict, found.effects) == ("named", (effect,))
 
 
-@pytest.mark.long
+@pytest.mark.slow(20)
 def test_friction_of_many_contacts_falls_in_all_of_them() -> None:
     """Stribeck friction in the base: beside a bristle that is next to nothing it would leave what elements have."""
     own = many(53, {"stribeck": 0.1})
@@ -329,9 +328,7 @@ def test_friction_in_the_base_that_falls_by_another_curve_is_shaped_first() -> N
 
 
 @pytest.mark.slow(60)
-def test_an_effect_is_named_beside_friction_that_is_there_at_once_whatever_that_leaves_near_reversals() -> (
-    None
-):
+def test_an_effect_keeps_its_name_whatever_friction_at_once_leaves_near_reversals() -> None:
     """The same rest near reversals in every repeat, as no law of presliding follows: half of all that comes again."""
     told = diagnose([at_once(48, {"nonlinear_viscous": 0.02})], base_model(NOMINAL))
     assert (told.verdict, told.effects) == ("named", ("nonlinear_viscous",))

@@ -422,19 +422,22 @@ def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
         early, late = CHAIN
         earliest, latest = 2.0 * (early - BESIDE / data.period), 2.0 * (late + FILTERED / data.period)
     if best < earliest:
-        cycles = _without_cycles(problem, model_fit)
-        return _moved_to(problem, model_fit, earliest, lowest_cost) if cycles is problem else cycles
+        later = _without_cycles(problem, model_fit)
+        if later is not problem:
+            return later
+        return _moved_to(problem, model_fit, earliest, (cost(data.shift), lowest_cost))
     return problem if best > latest else _with(problem, shifted(data, best))
 
 
-def _moved_to(problem: Problem, model_fit: ModelFit, shift: float, least: float) -> Problem:
+def _moved_to(problem: Problem, model_fit: ModelFit, shift: float, costs: tuple[float, float]) -> Problem:
     """The problem with its torque moved so far at most, where what a longer way would take off says nothing by itself.
 
-    No way of recording ends at a number that is known to microseconds (`is_longer`).
+    No way of recording ends at a number that is known to microseconds (`is_longer`). `costs`: of the torque as it is,
+    and moved as far as is best.
     """
     moved = shifted(problem.data, shift)
     left = _left(problem, model_fit, moved)
-    cost, here = _cost(problem, left), _cost(problem, _left(problem, model_fit, problem.data))
+    cost, (here, least) = _cost(problem, left), costs
     spare = problem.policy.structure_part * _noise(problem, left) * float(np.sum(problem.training))
     return _with(problem, moved) if cost - least <= spare and cost <= WORTH_ALIGNING * here else problem
 
