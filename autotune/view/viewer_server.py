@@ -218,10 +218,11 @@ class ViewerServer:
         return ["--server-memory-limit", f"{self._memory_mb}MB"]
 
     def _listens(self) -> bool:
-        """Whether our process, and no other program on that port, listens."""
+        """Whether our process, and no other program on its ports, listens: for what is logged, and for browsers."""
+        ports = [port for port in (self.port, self.web_port) if port is not None]
         if Path("/proc/net/tcp").exists():
-            return _is_listener(self.pid, self.port)
-        return not is_free(self.port)
+            return all(_is_listener(self.pid, port) for port in ports)
+        return not any(map(is_free, ports))
 
 
 def open_window(url: str) -> subprocess.Popen[bytes] | None:

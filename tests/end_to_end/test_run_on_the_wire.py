@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import pytest
 
@@ -13,9 +14,15 @@ from tests.support.commands import called
 
 @pytest.mark.slow(60)
 def test_a_run_on_the_wire_is_kept_leaves_everything_and_can_be_rolled_back(bench: Bench) -> None:
-    bench.start()
-    present = read_drive(bench)
-    done = bench.run()
+    """A busy host that is late for a tenth of a second and more is stopped by the drive, and begins again."""
+    for _ in range(3):
+        bench.start()
+        present = read_drive(bench)
+        done = bench.run()
+        if "this host was late" not in done.stderr:
+            break
+        bench.stop()
+        shutil.rmtree(bench.runs)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["outcome"] == "kept"
