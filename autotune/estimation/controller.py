@@ -156,6 +156,8 @@ def controllers_of(
     moment = next((law for law in laws if law.ticks > 1 and law.taken == MOMENT), None)
     stepped = () if moment is None else _remembered(b"eve", heard, lambda: read_before_steps(heard, moment))
     by_demand = () if quiet is data or part is not None else _demanded(samples)
+    if quiet is data and data.sensed is not None and part is None:
+        by_demand = by_sensor(loop_samples(felt(data), policy), between)
     if between.quick:
         smooth, late, stepped = (tuple(as_quick(law) for law in some) for some in (smooth, late, stepped))
     return (laws[0], *by_demand, *plain, *laws[1:], *smooth, *late, *stepped)
@@ -173,6 +175,18 @@ def _demanded(samples: LoopSamples) -> tuple[PositionController, ...]:
         return tuple(law for law in laws if law.ticks > 1 and law.taken == MOMENT)
 
     return tuple(replace(law, demanded=True) for law in _remembered(b"demanded", samples, found))
+
+
+def by_sensor(acted: LoopSamples, law: PositionController) -> tuple[PositionController, ...]:
+    """Laws of a torque by its sensor, in each way of recording it that explains as much, beside one of the demand.
+
+    A demand that is read as a row begins is not what acts until the next where a loop answers set points that step.
+    """
+
+    def found() -> tuple[PositionController, ...]:
+        return tuple(one for one in laws_between(acted, law) if one.ticks > 1 and one is not law)
+
+    return tuple(replace(one, sensed=True) for one in _remembered(b"sensor", acted, found))
 
 
 def _plain(samples: LoopSamples) -> tuple[PositionController, ...]:

@@ -24,7 +24,7 @@ from autotune.estimation.least_squares import DIFFERENCE, Fitted
 from autotune.estimation.problem import Correction, Problem
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed
-from autotune.models.reversal_memory import CLIMBS, climbing, contact
+from autotune.models.reversal_memory import CLIMBS, climbing, contact, contact_remembers, with_level
 from autotune.signals.chunks import CHUNK
 
 MOST_OF_THE_FALL = 0.25
@@ -229,17 +229,19 @@ def _of_drift(problem: Problem, error: Floats, column: Floats | None, role: str)
 
 
 def of_friction(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> Floats | None:
-    """Sensitivity to Coulomb friction on the rows of a role, shape (m,); None where it was not fitted."""
+    """Sensitivity to the level of friction on the rows of a role, shape (m,); None where it was not fitted.
+
+    Contacts that let go one after another carry the level together: it rises and falls in all of them.
+    """
     names = [f.name for f in fitted.free]
     if "coulomb" not in names:
         return None
-    index = names.index("coulomb")
-    if role == TRAINING:
+    index, packed = names.index("coulomb"), fitted.packed
+    if role == TRAINING and not contact_remembers(packed.p, packed.on):
         return np.asarray(fitted.jacobian[:, index])
-    p = fitted.packed.p.copy()
     change = DIFFERENCE * fitted.scales[index]
-    p[fitted.free[index].slot] += change
-    moved = residual(problem.data, Packed(p, fitted.packed.on), problem.moved)
+    p = with_level(packed.p, packed.on, 1.0 + change / packed.p[fitted.free[index].slot])
+    moved = residual(problem.data, Packed(p, packed.on), problem.moved)
     return np.asarray((moved - fitted.error - correction.bias) / DIFFERENCE)
 
 

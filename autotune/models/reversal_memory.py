@@ -359,6 +359,15 @@ def contact(p: Floats, on: Flags) -> tuple[float, float]:
     return float(p[COULOMB]), float(p[COULOMB] / p[STIFFNESS])
 
 
+def with_level(p: Floats, on: Flags, times: float) -> Floats:
+    """Parameters with the level of the axis's contact so many times as high, its own elements' with the bristle's."""
+    other = p.copy()
+    other[COULOMB] *= times
+    if contact_remembers(p, on):
+        other[_AT + 1 : _AT + 2 * ELEMENTS : 2] *= times
+    return other
+
+
 def _used(p: Floats) -> tuple[Floats, Floats]:
     """Displacements [rad or m] and torques [N m or N] of the elements in use."""
     reach, torque = p[_AT : _AT + 2 * ELEMENTS : 2], p[_AT + 1 : _AT + 2 * ELEMENTS : 2]

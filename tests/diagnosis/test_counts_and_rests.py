@@ -33,6 +33,7 @@ from autotune.estimation.twin_runs import SEED
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.dwell_time_break_away import DWELL_TIME_BREAK_AWAY
+from autotune.models.reversal_memory import REMEMBERS, REVERSAL_MEMORY
 
 Begun = tuple[Problem, ModelFit]
 DWELL = DWELL_TIME_BREAK_AWAY.name
@@ -426,3 +427,22 @@ def test_a_friction_level_that_drifts_is_explained_though_the_disturbance_was_to
     noisier = after + 0.1 * after.std() * np.random.default_rng(7).standard_normal(len(after))
     without = [_explainable_fall(loud, noisier, after, TRAINING, one) for one in (None, column)]
     assert without[0] == without[1]
+
+
+def test_the_level_of_a_chain_of_contacts_drifts_in_all_of_them(begun: Begun) -> None:
+    """Where elements carry nearly all of it, a bristle's own part says next to nothing of the level."""
+    problem, model_fit = begun
+    fitted = model_fit.fitted
+    plain = of_friction(problem, fitted, model_fit.correction, TRAINING)
+    p, on = fitted.packed.p.copy(), fitted.packed.on.copy()
+    on[REMEMBERS] = True
+    p[REVERSAL_MEMORY.slot("displacement_1")] = p[layout.COULOMB] / p[layout.STIFFNESS]
+    p[REVERSAL_MEMORY.slot("torque_1")] = 0.95 * p[layout.COULOMB]
+    p[layout.COULOMB] *= 0.05
+    chain = Packed(p, on)
+    fitted = replace(fitted, packed=chain, error=problem.raw(chain) - model_fit.correction.bias)
+    column = of_friction(problem, fitted, model_fit.correction, TRAINING)
+    assert plain is not None
+    assert column is not None
+    rows = problem.training > 0
+    assert np.corrcoef(plain[rows], column[rows])[0, 1] > 0.95

@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 
 from autotune.estimation.alignment import shifted
-from autotune.estimation.controller import as_recorded, asked, identified
+from autotune.estimation.controller import as_recorded, asked, by_sensor, identified
 from autotune.estimation.controller_between import (
     FED,
     answering_late,
@@ -120,6 +120,17 @@ def test_set_points_and_torque_of_a_drive_are_seen_between_the_samples(taken: st
     found = laws_between(of_a_drive(taken, late), PositionController(explained=0.5))[0]
     assert (found.taken, found.reference_delay) == (taken, late)
     assert (found.kp, found.kd, found.ki) == pytest.approx(GAINS, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_mean_by_a_sensor_is_told_beside_a_demand_that_was_read_at_the_samples() -> None:
+    """On lines a loop's demand jumps where a set point begins: what is read there is not what acts until the next."""
+    demand = laws_between(of_a_drive("moment", 1), PositionController(explained=0.5))[0]
+    found = by_sensor(of_a_drive("before", 1), demand)
+    assert all(law.sensed and law.ticks > 1 for law in found)
+    best = max(found, key=lambda law: law.explained)
+    assert (best.taken, best.reference_delay) == ("before", 1)
+    assert (best.kp, best.kd, best.ki) == pytest.approx(GAINS, rel=0.02)
 
 
 @pytest.mark.slow

@@ -35,6 +35,7 @@ from autotune.models.reversal_memory import (
     share_damping,
     shows_course,
     stands_alone,
+    with_level,
 )
 from autotune.models.stribeck import STRIBECK
 from autotune.models.table import EFFECTS
@@ -419,3 +420,25 @@ def test_a_memory_stands_alone_where_nothing_beside_it_forgets(
     assert not stands_alone(p, on), "there are no elements"
     on[REMEMBERS] = True
     assert stands_alone(p, on) is alone
+
+
+@pytest.mark.parametrize(
+    ("elements", "own"),
+    [([(0.5, 0.5)], True), ([(6.0, 0.3), (30.0, 0.2)], False)],
+    ids=["contact", "memory"],
+)
+def test_the_level_of_a_contact_is_carried_by_its_own_elements_too(
+    elements: list[tuple[float, float]], own: bool
+) -> None:
+    """Elements beside a contact, which go on beyond it, keep what they carry."""
+    packed = base_model(NOMINAL).pack()
+    p, on = packed.p.copy(), packed.on.copy()
+    on[REMEMBERS] = True
+    for number, (far, part) in enumerate(elements, 1):
+        p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = far * p[layout.COULOMB] / p[layout.STIFFNESS]
+        p[REVERSAL_MEMORY.slot(f"torque_{number}")] = part * p[layout.COULOMB]
+    raised = with_level(p, on, 1.1)
+    assert contact(raised, on)[0] == pytest.approx(1.1 * contact(p, on)[0])
+    carried = REVERSAL_MEMORY.slot("torque_1")
+    assert raised[carried] == pytest.approx((1.1 if own else 1.0) * p[carried])
+    assert p[layout.COULOMB] == packed.p[layout.COULOMB], "a copy"
