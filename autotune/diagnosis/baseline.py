@@ -39,6 +39,7 @@ from autotune.estimation.controller import (
     FEEDS_FRICTION,
     as_acted,
     as_recorded,
+    by_sensor_compared,
     controllers_of,
     find_controller,
 )
@@ -73,6 +74,10 @@ HEAVY = (
 TWIN_AFTER_ALL = (
     "A twin explained less than none of the model as it was, but more beside what was found: it is used."
 )
+BY_SENSOR = (
+    "Of the two torques in the file 'torque', which was measured, is compared, and not the demand "
+    "'torque_command'."
+)
 AS_ASKED = (
     "Above {:.2g} Hz the torque is compared as the controller asks for it along the recorded motion: of that "
     "the model leaves less than of the recorded torque, which was read at a moment, or is noisier."
@@ -103,6 +108,8 @@ def begin(
     law, disturbance = told_by_twin(data, laws, packed, policy)
     read = tuple(said for said in data.metadata.remarks if said.startswith((AS_READ, FEEDS_FRICTION)))
     notes = (*law.notes, *read, *notes)
+    if law.usable and by_sensor_compared(data, law):
+        notes = (*notes, BY_SENSOR)
     told = Told(data, laws) if any(one.within for one in laws) else None
     data, known = as_recorded(data, law), data
     problem = replace(

@@ -206,12 +206,23 @@ def _some(law: PositionController | None) -> tuple[PositionController, ...]:
 
 def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
-    quiet = felt(data) if found.sensed else quieter(data) if found.in_band and not found.demanded else data
-    late = RECORDED_LATE[found.taken]
+    quiet, late = _compared(data, found), RECORDED_LATE[found.taken]
     moved = a_row_sooner(quiet) if found.taken == BEFORE else shifted(quiet, late)
     taken = replace(moved, late=0.0) if late else quiet
     taken = _as_acted(taken, found)
     return _as_asked(taken, found) if found.asked > 0.0 and found.ticks > 1 else taken
+
+
+def _compared(data: Prepared, law: PositionController) -> Prepared:
+    """The data with that of two recorded torques which is compared beside a law."""
+    if law.sensed:
+        return felt(data)
+    return quieter(data) if law.in_band and not law.demanded else data
+
+
+def by_sensor_compared(data: Prepared, law: PositionController) -> bool:
+    """Whether the torque by its sensor is compared where the data, as they were recorded, hold a demand beside it."""
+    return data.sensed is not None and _compared(data, law) is not data
 
 
 def _as_acted(data: Prepared, law: PositionController) -> Prepared:

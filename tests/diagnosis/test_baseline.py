@@ -15,7 +15,7 @@ from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.torque_path import LATE_RECORD
 from autotune.diagnosis.fit_recordings import fit_recordings
 from autotune.estimation.bandwidth import prepared_to_fit
-from autotune.estimation.controller import as_acted, as_recorded, controller_of
+from autotune.estimation.controller import as_acted, as_recorded, by_sensor_compared, controller_of
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Block, Prepared
 from autotune.estimation.model_error import with_misfit
@@ -47,6 +47,8 @@ def test_the_sensors_torque_is_taken_where_the_drives_loop_shakes_its_demand_bet
     data, demand = with_sensor(short, shaken)
     found = as_recorded(data, replace(LAW, in_band=in_band))
     assert np.array_equal(found.torque, data.sensed if sensed else demand)
+    assert by_sensor_compared(data, replace(LAW, in_band=in_band)) is sensed
+    assert not by_sensor_compared(replace(data, sensed=None), LAW)
 
 
 @pytest.mark.parametrize(
