@@ -155,12 +155,12 @@ def controllers_of(
         late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, between)))
     moment = next((law for law in laws if law.ticks > 1 and law.taken == MOMENT), None)
     stepped = () if moment is None else _remembered(b"eve", heard, lambda: read_before_steps(heard, moment))
-    by_demand = () if quiet is data or part is not None else _demanded(samples)
-    if quiet is data and data.sensed is not None and part is None:
-        by_demand = by_sensor(loop_samples(felt(data), policy), between)
+    other: tuple[PositionController, ...] = ()
+    if data.sensed is not None and part is None:
+        other = by_sensor(loop_samples(felt(data), policy), between) if quiet is data else _demanded(samples)
     if between.quick:
         smooth, late, stepped = (tuple(as_quick(law) for law in some) for some in (smooth, late, stepped))
-    return (laws[0], *by_demand, *plain, *laws[1:], *smooth, *late, *stepped)
+    return (laws[0], *other, *plain, *laws[1:], *smooth, *late, *stepped)
 
 
 def _demanded(samples: LoopSamples) -> tuple[PositionController, ...]:
