@@ -147,17 +147,17 @@ def controllers_of(
         heard = loop_samples(quiet, policy)
         heard = heard if part is None else part(heard)
     smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, between)))
+    other: tuple[PositionController, ...] = ()
     if data.sensed is None:
         late = _remembered(b"late", samples, lambda: answering_late(samples, between))
     else:
         acted = loop_samples(felt(data), policy)
         what = b"follows" + repr(_mark(samples)).encode()
         late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, between)))
+        if part is None:
+            other = by_sensor(acted, between) if quiet is data else _demanded(samples)
     moment = next((law for law in laws if law.ticks > 1 and law.taken == MOMENT), None)
     stepped = () if moment is None else _remembered(b"eve", heard, lambda: read_before_steps(heard, moment))
-    other: tuple[PositionController, ...] = ()
-    if data.sensed is not None and part is None:
-        other = by_sensor(loop_samples(felt(data), policy), between) if quiet is data else _demanded(samples)
     if between.quick:
         smooth, late, stepped = (tuple(as_quick(law) for law in some) for some in (smooth, late, stepped))
     return (laws[0], *other, *plain, *laws[1:], *smooth, *late, *stepped)

@@ -240,7 +240,7 @@ def of_friction(problem: Problem, fitted: Fitted, correction: Correction, role: 
     if role == TRAINING and not contact_remembers(packed.p, packed.on):
         return np.asarray(fitted.jacobian[:, index])
     change = DIFFERENCE * fitted.scales[index]
-    p = with_level(packed.p, packed.on, 1.0 + change / packed.p[fitted.free[index].slot])
+    p = with_level(packed.p, packed.on, 1.0 + change / contact(packed.p, packed.on)[0])
     moved = residual(problem.data, Packed(p, packed.on), problem.moved)
     return np.asarray((moved - fitted.error - correction.bias) / DIFFERENCE)
 
