@@ -90,8 +90,11 @@ def begin(
     progress: Progress = no_progress,
     simulations: int = 2,
     policy: Policy = POLICY,
+    contrary: bool = False,
 ) -> tuple[Problem, ModelFit, Packed, tuple[str, ...]]:
     """Controller, noise and the fit of the model as it is.
+
+    `contrary`: of a torque that may have been recorded a sample late that is taken which this model makes less likely.
 
     Raises:
         NotEnoughExcitation: the model cannot be made to fit this axis at all.
@@ -127,7 +130,7 @@ def begin(
         notes = (*notes, AS_ASKED.format(law.asked))
     problem, settled = _aligned(problem, model_fit)
     if LATE_RECORD not in notes:
-        problem, settled, said = _late_record(problem, settled, packed)
+        problem, settled, said = _late_record(problem, settled, packed, contrary)
         notes = (*notes, *said)
     problem, settled = _without_reading_waves(*_without_clocked(problem, settled))
     notes = (*notes, *_refuse_misfit(problem, settled))
@@ -309,9 +312,11 @@ def _recorded_late(problem: Problem) -> Problem | None:
 
 
 def _late_record(
-    problem: Problem, model_fit: ModelFit, packed: Packed
+    problem: Problem, model_fit: ModelFit, packed: Packed, contrary: bool
 ) -> tuple[Problem, ModelFit, tuple[str, ...]]:
     """Problem and fit with the torque taken as recorded a sample late, where the model says so, and a sentence on it.
+
+    Or, `contrary`, where it does not.
 
     A law that sees everything a sample late, and one that does not whose torque is read when the next one is due,
     leave the same columns. Only what the axis does tells them apart: the loop of the first is the slower one.
@@ -326,7 +331,7 @@ def _late_record(
     if isinstance(found, str):
         return problem, model_fit, ()
     again, other = _aligned(*with_noise_of(*found))
-    late = is_recorded_late(problem, model_fit.fitted, again, other.fitted)
+    late = is_recorded_late(problem, model_fit.fitted, again, other.fitted) is not contrary
     return (again, other, (LATE_RECORD,)) if late else (problem, model_fit, ())
 
 

@@ -177,6 +177,17 @@ def test_a_host_with_dead_time_has_no_late_record() -> None:
     assert not compared.late_record
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0, 1])
+def test_the_other_row_is_taken_where_it_is_asked_for(late: int) -> None:
+    """Whatever the model as it is says of the row: what it lacks may be what told it."""
+    law = TRUE if late else replace(TRUE, kp=3.0, ki=30.0, reference_delay=1, position_delay=1)
+    data = prepared_to_fit([_twice(law, PERIOD, late=late)])
+    told, other = (baseline.begin(data, base_model(AXIS), contrary=contrary) for contrary in (False, True))
+    assert (LATE_RECORD in told[3], LATE_RECORD in other[3]) == (bool(late), not late)
+    assert told[1].fitted.cost < other[1].fitted.cost
+
+
 def _written_late(law: PositionController, period: float) -> Recording:
     return _twice(law, period, late=1)
 

@@ -13,6 +13,7 @@ from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
 from autotune.diagnosis.evidence.time_driven import TimeLine
+from autotune.diagnosis.evidence.torque_path import LATE_RECORD
 from autotune.diagnosis.facts import Facts
 from autotune.diagnosis.free_shape import OtherProportion, Relaxed
 from autotune.diagnosis.starts import varying
@@ -716,3 +717,27 @@ def test_a_spring_that_is_likelier_than_a_weight_over_a_part_of_a_turn_comes_fir
     monkeypatch.setattr(settling, "error_left", lambda _, model_fit: model_fit.left)
     assert settling.spring_as_well(state, weight).effect == first
     assert [one.effect for one in state.tried].count("gravity_imbalance") == 1
+
+
+@pytest.mark.parametrize(
+    ("told", "left", "notes", "taken"),
+    [
+        ("named", 0.5, ((LATE_RECORD,), ()), True),
+        ("named", 0.5, ((), (LATE_RECORD,)), True),
+        ("named", 0.9, ((LATE_RECORD,), ()), False),  # no clearly better loop
+        ("unknown", 0.5, ((LATE_RECORD,), ()), False),  # nothing is won
+        ("named", 0.5, ((), ()), False),  # in the other row no loop ran: the same search again
+    ],
+)
+def test_the_row_of_a_torque_is_told_anew_where_only_the_other_one_names_what_is_missing(
+    monkeypatch, told: str, left: float, notes: tuple[tuple[str, ...], ...], taken: bool
+) -> None:
+    def searched(error: float, said: tuple[str, ...]) -> tuple[object, None, tuple[str, ...]]:
+        problem = SimpleNamespace(policy=POLICY, has=lambda _: False, mean_square=lambda e, _: e)
+        root = SimpleNamespace(fitted=SimpleNamespace(error=error))
+        return SimpleNamespace(problem=problem, root=root, chosen=None), None, said
+
+    first, other = SimpleNamespace(verdict="unknown"), SimpleNamespace(verdict=told)
+    monkeypatch.setattr(verdict, "_together", lambda *_: other)
+    found = verdict._likelier(first, searched(1.0, notes[0]), searched(left, notes[1]), lambda _: None)
+    assert found is (other if taken else first)
