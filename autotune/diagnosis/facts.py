@@ -210,14 +210,19 @@ class Facts:
 
     @property
     def leads(self) -> bool:
-        """No other effect gains nearly as much as the chosen one by its own law; several together always lead.
+        """No other effect gains nearly as much as the chosen one by its own law; several together always lead."""
+        return self.chosen is not None and not self._unbeaten
+
+    @property
+    def _unbeaten(self) -> tuple[str, ...]:
+        """Effects that gain nearly as much as a single chosen one, and are not far behind it inside the twin.
 
         What gains on the measured motion only, and inside the twin does not even partly explain it, is no rival. Nor is
         what is fitted inside the twin, its own course as free, and far behind the chosen one there.
         """
         chosen = self.chosen
         if chosen is None or len(chosen.model_fit.effects) > 1:
-            return chosen is not None
+            return ()
         gains = [(item.effect, item.gain) for item in self.first]
         gains += [(item.effect, item.gain) for item in self.tried]
         own = max((gain for effect, gain in gains if effect == chosen.effect), default=chosen.gain)
@@ -230,7 +235,26 @@ class Facts:
         if chosen.effect == SPRING.name in fitted and fitted[GAP.name] is fitted[SPRING.name]:
             near -= {GAP.name}  # given up for it: no rival of what explains as much
         near -= {one for one in self.rivals if self._any_course(fitted.get(one))}  # named beside it
-        return all(effect in fitted and self._far_behind(chosen, fitted[effect]) for effect in near)
+        return tuple(
+            effect
+            for effect in sorted(near)
+            if effect not in fitted or not self._far_behind(chosen, fitted[effect])
+        )
+
+    @property
+    def contested(self) -> tuple[str, ...]:
+        """Effects that keep the chosen one's free course from its name, where each explains enough for one itself.
+
+        One of them is missing; which, only another motion tells.
+        """
+        chosen, shares = self.chosen, {item.effect: item.share for item in self.tried}
+        if chosen is None or self.accepted or self.law_differs or not self.freed:
+            return ()
+        alike = self._unbeaten
+        known = self.problem.has_veto and self.evidence.accepts(self.problem.policy, chosen)
+        if not known or self._needless_gap or self._doubted:
+            return ()
+        return alike if all(shares.get(one, 0.0) >= self.problem.policy.named for one in alike) else ()
 
     def _any_course(self, rival: FittedCandidate | None) -> bool:
         """Whether a rival's course could be any smooth one over so little travel."""
@@ -358,7 +382,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
         spring=found.spring, unloaded=found.unloaded, delayed=found.delayed,
         bare=None if chosen is None or evidence.repeats else without_effects(problem, root),
     )  # fmt: skip
-    named = (facts.accepted or facts.law_differs) and not facts.structured
+    named = (facts.accepted or facts.law_differs or bool(facts.contested)) and not facts.structured
     if named and chosen is not None:
         facts = replace(facts, proportion=out_of_proportion(problem, root, chosen.model_fit))
         facts = replace(facts, relaxed=relaxing(problem, chosen.model_fit))

@@ -319,6 +319,12 @@ CASES: tuple[Case, ...] = (
     Case("other effects do as well", _alike, AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
+    Case(
+        "several effects explain it, each by a course of its own",
+        lambda f: bool(f.contested),
+        AMBIGUOUS,
+        _its_course,
+    ),
     Case("friction rises and falls with the clock", lambda f: f.breathing is not None, UNKNOWN, _breathing),
     Case(
         "a force in step with the clock comes and goes",
@@ -400,7 +406,8 @@ def _confusable(
 ) -> tuple[tuple[str, ...], ...]:
     """Effects that these data cannot tell from those that are named."""
     if verdict == AMBIGUOUS:
-        return ((*_contested(effects, facts.rivals, found.exchanged), *facts.rivals),)
+        rivals = tuple(dict.fromkeys([*facts.rivals, *facts.contested]))
+        return ((*_contested(effects, rivals, found.exchanged), *rivals),)
     if confidence != SUSPECTED:
         return ()
     near = [rival for item in facts.carried for rival in item.rivals]

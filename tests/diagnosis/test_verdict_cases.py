@@ -40,6 +40,7 @@ NOTHING = {
     "chosen": None,
     "carried": (),
     "left": False,
+    "contested": (),
     "climbing": False,
     "breathing": None,
     "line": None,
@@ -89,6 +90,8 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         (FOUND | {"edge": True}, "named"),
         ({"chosen": object(), "law_differs": True, "rivals": ("stribeck",)}, "ambiguous"),
         ({"chosen": object(), "law_differs": True}, "named"),
+        ({"chosen": object(), "contested": ("stribeck",), "left": True}, "ambiguous"),
+        ({"chosen": object(), "contested": ("stribeck",), "structured": True}, "unknown"),
         (FOUND | {"drowned": True, "rivals": ("spring",)}, "unknown"),
         (FOUND | {"hunts": 105.0}, "unknown"),
         ({"hunts": 105.0}, "unknown"),
@@ -128,6 +131,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(**FOUND, proportion=CRANK),
         _row(**FOUND, relaxed=Relaxed("spring", 0.1, 0.7)),
         _row(chosen=object(), law_differs=True),
+        _row(chosen=object(), contested=("dwell_time_break_away",), left=True),
         _row(own_law=True),
         _row(chosen=object(), left=True),
         _row(carried=("refuted",)),
@@ -281,6 +285,31 @@ def test_a_rival_is_refuted_inside_the_twin(
     problem = SimpleNamespace(policy=POLICY, has=lambda _: True)
     known = (problem, None, chosen, evidence, (), None, "", 0.0, 0.9, ())
     assert Facts(*known, first=[chosen, rival], tried=[rival]).leads is leads
+
+
+@pytest.mark.parametrize(
+    ("rival", "share", "accepts", "freed", "contested"),
+    [
+        (0.93, 0.97, True, {"stribeck": False}, ("dwell_time_break_away",)),
+        (0.85, 0.97, True, {"stribeck": False}, ()),  # the rival would not be named: it is no answer either
+        (0.93, 0.85, False, {"stribeck": False}, ()),  # nor would the chosen one
+        (0.93, 0.97, True, {}, ()),  # by their own laws rivals are compared elsewhere
+    ],
+)
+def test_two_effects_that_each_explain_enough_by_a_course_of_their_own_are_told_as_two(
+    monkeypatch, rival: float, share: float, accepts: bool, freed: dict[str, bool], contested: tuple[str, ...]
+) -> None:
+    """Falling friction explained 97 %, dwell time 93 %: "unknown" asked for nothing that tells them apart."""
+    monkeypatch.setattr(facts, "adds_beside", lambda *_: 1.0)
+    monkeypatch.setattr(facts, "hardly_a_gap", lambda *_: False)
+    monkeypatch.setattr(candidates, "explained_beside", lambda *_: SimpleNamespace(share=0.5))
+    chosen, other = _alone("stribeck", 0.86, share), _alone("dwell_time_break_away", 0.84, rival)
+    evidence = SimpleNamespace(
+        apart=lambda *_: True, accepts=lambda *_: accepts, doubted=lambda *_: False, repeats=True
+    )
+    problem = SimpleNamespace(policy=POLICY, has=lambda _: True, has_veto=True, candidates=())
+    known = (problem, None, chosen, evidence, (), None, "", 0.0, 0.9, ())
+    assert Facts(*known, first=[chosen, other], tried=[other], freed=freed).contested == contested
 
 
 def _alone(effect: str, gain: float, share: float) -> SimpleNamespace:
