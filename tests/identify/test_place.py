@@ -193,3 +193,20 @@ def test_what_is_left_on_stretches_left_out_grows_with_terms_that_mean_nothing()
     random = np.random.default_rng(5)
     target, useful, useless = random.normal(size=400), np.ones((400, 1)), random.normal(size=(400, 20))
     assert held_out_error([(useful, target)]) < held_out_error([(np.hstack([useful, useless]), target)])
+
+
+def test_what_a_spring_holds_where_the_axis_moves_is_an_offset_of_a_model_without_it() -> None:
+    """About half a turn an inverted pendulum is a spring that pushes, from a place where the axis never was: the model
+    without it was wrong by ten times the torque.
+    """
+    time = np.arange(0.0, 20.0, 2e-3)
+    q = np.pi + 0.2 * np.sin(0.8 * time) + 0.15 * np.sin(2.1 * time + 1.0) + 0.05 * np.sin(5.0 * time)
+    v, a = np.gradient(q, time), np.gradient(np.gradient(q, time), time)
+    torque = 0.015 * a + 4e-3 * v + 0.02 * np.tanh(v / 5e-3) + 0.15 * np.sin(q)
+    torque += np.random.default_rng(1).normal(0.0, 1e-3, len(q))
+    columns = {"time": time, "position": q, "torque": torque}
+    found = fit_recordings([Recording.from_columns(columns, Metadata(sample_period=2e-3), "inverted")])
+    assert "spring" in said(found)
+    assert found.model is not None
+    assert abs(found.model["offset"]) < 0.02
+    assert found.relative_error < 1.2
