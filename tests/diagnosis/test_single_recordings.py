@@ -30,7 +30,13 @@ from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import beyond_presliding, goes_with_place
+from autotune.estimation.cross_validation import (
+    Unseen,
+    beyond_presliding,
+    evenly,
+    gain_and_z,
+    goes_with_place,
+)
 from autotune.estimation.data import prepare
 from autotune.estimation.least_squares import Free, with_values
 from autotune.estimation.policy import POLICY
@@ -641,3 +647,13 @@ def test_counts_that_are_a_part_of_the_acceleration_hide_what_is_quick(counts: i
     found = diagnose([recording], base_model(values | {"offset": 0.0}))
     assert not found.effects
     assert any("counts make a part of the acceleration" in note for note in found.notes) is coarse
+
+
+@pytest.mark.parametrize(("left", "sure"), [(0.05, True), (0.3, False)])
+def test_of_few_chunks_that_all_vanish_it_is_no_chance(left: float, sure: bool) -> None:
+    """Ten slow seconds are five chunks: a weight that explained 99.99 % was "not in enough of them to be no chance"."""
+    before = Unseen(np.array([1.0, 2.0, 8.0, 0.5, 2.5]))
+    after = Unseen(before.chunks * left)
+    assert gain_and_z(before, after)[1] < POLICY.least_z_single
+    assert (evenly(before, after) > POLICY.least_z_single) is sure
+    assert evenly(Unseen(np.array([1.0, 2.0])), Unseen(np.zeros(2))) < POLICY.least_z_single
