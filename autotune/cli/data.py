@@ -46,6 +46,9 @@ def import_(
         float | None,
         typer.Option(help="Sample period in seconds: the file has no clock, or only its stamps jitter."),
     ] = None,
+    speed_curve: Annotated[
+        bool, typer.Option("--speed-curve", help="Each row is a constant speed with its mean torque.")
+    ] = False,
     torque_limit: Annotated[float | None, typer.Option(help="Where the drive clamps its torque.")] = None,
     controller: Annotated[
         str | None, typer.Option(metavar="'pid kp=… kd=… ki=…'", help="Gains of the position controller.")
@@ -68,7 +71,7 @@ def import_(
     _check_output(out, files)
     _check_numbers({"resolution": resolution, "period": period, "torque-limit": torque_limit})
     _check_words(unit, torque_unit, experiment)
-    wishes = Wishes(unit, torque_unit, resolution, period)
+    wishes = Wishes(unit, torque_unit, resolution, period, speed_curve)
     gains = Controller.parse(controller) if controller is not None else None
     options = Options(
         format_, tuple(column or ()), wishes, torque_limit, gains, experiment, keep_signs, keep_leaps

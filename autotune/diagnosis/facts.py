@@ -162,9 +162,19 @@ class Facts:
         where they do, nothing is missing.
         """
         chosen = self.chosen
-        return (self.plainly and self.left and not self._explained) or (
-            chosen is not None and any_course(self.problem, self.root, chosen.model_fit)
-        )
+        if self.plainly and self.left and not self._explained:
+            return True
+        if chosen is None or (self._or_a_spring and self.accepted):
+            return False
+        return any_course(self.problem, self.root, chosen.model_fit)
+
+    @property
+    def _or_a_spring(self) -> bool:
+        """Whether a spring does as well along a lone trajectory: over so little travel it is the other smooth course.
+
+        Which of the two it is, is in doubt, not that it is one of them.
+        """
+        return not self.evidence.repeats and PULL.name in self.rivals
 
     @property
     def _explained(self) -> bool:

@@ -101,8 +101,9 @@ def fit_recordings(
         said = f"of {rows} rows {len(whole)} were fitted, in stretches spread evenly: more would tell little more"
         result = replace(result, notes=(*result.notes, said))
     complexity = _complexity(result, precision, whole)
-    result = replace(result, complexity=complexity, loop=simulate_closed_loop(whole, model))
-    return _with_error(result, compared)
+    steady = result.method == "speed_curve"  # points of a curve are no motion
+    loop = None if steady else simulate_closed_loop(whole, model)
+    return _with_error(replace(result, complexity=complexity, loop=loop), compared)
 
 
 def _with_units_judged(result: FitResult, model: DriveModel, whole: Recording) -> FitResult:

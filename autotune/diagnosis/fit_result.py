@@ -37,7 +37,7 @@ class FitResult:
         unseen: error on what the fit has not seen; None where unknown.
         found: the single experiments, where they were made.
         steady: the curve over constant speeds, where the recordings hold nothing else or the programme's.
-        loop: the model in closed loop; None where there is no model.
+        loop: the model in closed loop; None where there is no model, or only a speed curve.
         questions: about units that may have been declared wrongly; among the notes too.
     """
 

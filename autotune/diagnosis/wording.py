@@ -265,10 +265,12 @@ def why(
 
 def rms_unexplained(problem: Problem, root: ModelFit, rows: Flags | None = None) -> float:
     """Of the recorded torque on the rows that are fitted, or on those given: the share that the model leaves, by their
-    spread."""
+    spread; of motion one way by their size, as friction is a level there, which the model explains."""
     rows = problem.training > 0 if rows is None else rows
-    torque = problem.data.torque[problem.data.grid[rows]]
-    return float(np.std(root.fitted.error[rows])) / max(float(np.std(torque)), 1e-300)
+    torque, left = problem.data.torque[problem.data.grid[rows]], root.fitted.error[rows]
+    if not problem.scales.one_way:
+        torque, left = torque - torque.mean(), left - left.mean()
+    return float(np.sqrt(np.mean(left**2))) / max(float(np.sqrt(np.mean(torque**2))), 1e-300)
 
 
 def unexplained(problem: Problem, model_fit: ModelFit) -> float:

@@ -239,7 +239,8 @@ def aligned(data: Prepared) -> Prepared:
 def _aligned_best(data: Prepared) -> tuple[float, float]:
     """Shift at which inertia and friction explain the torque best, and what they leave of it.
 
-    Beyond the usual range only where they explain nearly all there: what else is missing may draw it anywhere.
+    None where they are no axis's there, and beyond the usual range only where they explain nearly all: what else is
+    missing may draw it anywhere.
     """
     rows = away_from_reversals(data)
     known: dict[float, float] = {}
@@ -250,6 +251,8 @@ def _aligned_best(data: Prepared) -> tuple[float, float]:
         return known[shift]
 
     shift, left = best_shift(cost, 0.0, data.upsampling)
+    if not _drives(shifted(data, shift), rows):
+        return 0.0, cost(0.0)
     if shift < data.upsampling * LATEST:
         return shift, left
     far, least = best_shift(cost, shift, data.upsampling, farthest=FARTHEST)
@@ -297,6 +300,18 @@ def linear_misfit(data: Prepared, rows: Flags) -> float:
     return float(np.sum(left**2)) / max(float(np.sum((target - target.mean()) ** 2)), 1e-300)
 
 
+def _drives(data: Prepared, rows: Flags) -> bool:
+    """Whether the torque accelerates the axis and works against its friction.
+
+    A controller's answer does neither: it holds against every motion, and the way of the sensor to the controller looks
+    like a filter of the one column or the other.
+    """
+    inertia, viscous, coulomb, _ = linear_fit(data, rows)[0]
+    speed = smoothed(data, data.velocity)[rows]
+    friction = viscous * speed + coulomb * smoothed(data, np.sign(data.velocity))[rows]
+    return bool(inertia > 0.0 and friction @ (speed - speed.mean()) >= 0.0)
+
+
 def misfit_here(data: Prepared) -> float:
     """The same on rows away from reversals, with the torque where it is."""
     return linear_misfit(data, away_from_reversals(data))
@@ -318,10 +333,27 @@ def linear_fit(data: Prepared, rows: Flags) -> tuple[Floats, Floats, Floats]:
         ]
     )
     target, table = smoothed(data, np.ascontiguousarray(acted))[rows], table[rows]
+    gains, left = _solved(table, target)
+    if left @ left > LARGE * float(np.sum((target - target.mean()) ** 2)):
+        loaded, less = _solved(np.column_stack([table, _of_place(data)[rows]]), target)
+        if less @ less <= CLEARLY * float(left @ left):
+            gains, left = loaded[: len(gains)], less
+    return gains, target, left
+
+
+def _solved(table: Floats, target: Floats) -> tuple[Floats, Floats]:
+    """Least squares gains of columns, and what they leave."""
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    table = table / size
-    gains = np.linalg.lstsq(table, target, rcond=1e-10)[0]
-    return gains / size, target, target - table @ gains
+    gains = np.linalg.lstsq(table / size, target, rcond=1e-10)[0]
+    return gains / size, target - (table / size) @ gains
+
+
+def _of_place(data: Prepared) -> Floats:
+    """Torques of a spring and of a weight, on the grid, shape (m, 1 or 3)."""
+    place = data.position - data.position.mean()
+    rotary = data.metadata.motion_unit == "rad"
+    columns = (place, np.sin(place), np.cos(place)) if rotary else (place,)
+    return np.column_stack([smoothed(data, column) for column in columns])
 
 
 SAMPLES = (2.0, 4.0, 8.0, 16.0)
@@ -329,7 +361,8 @@ SAMPLES = (2.0, 4.0, 8.0, 16.0)
 CLEARLY = 0.4
 """Of the misfit: less must be left."""
 LARGE = 0.1
-"""Of the torque: where more is left, something else is missing that a filter could imitate."""
+"""Of the torque: where more is left, something else is missing that a filter could imitate. (Counts of an encoder that
+are a part of the acceleration, and seem to need torque, it swallows too.)"""
 
 
 def without_twin(data: Prepared) -> tuple[Prepared, tuple[str, ...]]:
@@ -364,13 +397,15 @@ def filtered_or_late(data: Prepared) -> Filtered:
     rows = away_from_reversals(data)
     gains, left = linear_fit(data, rows)[0], linear_misfit(data, rows)
     best, found = POLICY.clearly_less * left, Filtered("", 0.0, data.shift, np.zeros(len(gains)))
-    if left > LARGE:
+    if left > LARGE or data.coarse:
         return found
     for samples in (data.upsampling * count for count in SAMPLES):
         for column, through in (("torque", _motion_through), ("position", _torque_through)):
             alike = through(data, samples)
             shift, misfit = _shift_from_here(alike)
             if misfit < best and abs(shift) < abs(data.shift):  # it is why the torque seemed early or late
+                if not _drives(shifted(alike, shift), rows):
+                    continue
                 change = _relative(linear_fit(shifted(alike, shift), rows)[0], gains)
                 best, found = misfit, Filtered(column, samples, shift, change)
     return found
@@ -403,7 +438,7 @@ def low_passed(data: Prepared) -> tuple[str, float] | None:
     It leaves clearly less than a torque that was moved by a few samples, and less than one that was moved farther.
     """
     here = plain = _misfit(data)
-    if here > LARGE:
+    if here > LARGE or data.coarse:
         return None
     if data.shift > data.upsampling * LATEST:
         plain = _misfit(shifted(data, 0.0))
@@ -413,7 +448,11 @@ def low_passed(data: Prepared) -> tuple[str, float] | None:
         trials.append((_misfit(_torque_through(data, samples)), "position", samples))
     misfit, column, samples = min(trials)
     clearly = misfit <= CLEARLY * plain and (plain == here or misfit < here)
-    return (column, samples * data.period) if clearly else None
+    if not clearly:
+        return None
+    alike = (_motion_through if column == "torque" else _torque_through)(data, samples)
+    rows, shift = away_from_reversals(alike), _shift_from_here(alike)[0]
+    return (column, samples * data.period) if _drives(shifted(alike, shift), rows) else None
 
 
 def compensated(data: Prepared) -> tuple[Prepared, str | None]:

@@ -454,9 +454,12 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     cutoff = coherent_cutoff(longest, known)
     if known:
         return without_rest(prepare(recordings, cutoff, 2.5 * cutoff, pace=pace))
+    coarse = False
     if pace == 1.0:  # no twin makes the same counts, and what they look like an elastic transmission swallows
         cutoff = min(below_counts(recording, cutoff)[0] for recording in recordings)
+        coarse = any(counts_over_motion(recording, cutoff) > COUNTED for recording in recordings)
     factor = needed(cutoff, recordings[0].period)
     fine = [upsampled(recording, factor) for recording in recordings]
-    data = replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff, pace=pace)), upsampling=factor)
+    data = without_rest(prepare(fine, cutoff, 2.5 * cutoff, pace=pace))
+    data = replace(data, upsampling=factor, coarse=coarse)
     return aligned(data) if pace == 1.0 else data

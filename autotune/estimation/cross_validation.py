@@ -88,6 +88,10 @@ def _rests_unseen(problem: Problem, error: Floats, columns: Floats) -> Iterator[
         yield own[rows] * (error[rows] + part @ change) ** 2
 
 
+LEAST_CHUNKS, NEXT_TO_NOTHING = 3, 0.1
+"""Of unseen data, of each of which so little is left that it is no chance."""
+
+
 def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:
     """Relative fall of the error on unseen data, and its paired z over chunks."""
     fall = before.chunks - after.chunks
@@ -100,8 +104,11 @@ def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:
 def evenly(before: Unseen, after: Unseen) -> float:
     """By how many standard errors of a coin more chunks err less than more: a sign test of the gain.
 
-    The paired z takes it for scatter that an effect is large in one experiment and small in another.
+    The paired z takes it for scatter that an effect is large in one experiment and small in another. Of few chunks a
+    coin tells little, however much each of them falls: beyond any number where next to nothing is left of each.
     """
+    if len(before.chunks) >= LEAST_CHUNKS and np.all(after.chunks <= NEXT_TO_NOTHING * before.chunks):
+        return math.inf
     fell = int(np.sum(after.chunks < before.chunks))
     return (2 * fell - len(before.chunks)) / math.sqrt(max(len(before.chunks), 1))
 

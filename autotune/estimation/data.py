@@ -145,6 +145,7 @@ class Prepared:
             of the file that a bus takes, and through a current loop of time constant `lag` ± `lag_error` [s].
         late: samples by which `torque` was taken later than it was recorded.
         filtered: one side was put through a low-pass that the file's other column had gone through.
+        coarse: the encoder's counts are a part of the acceleration that is compared, and no twin makes the same.
         starts: first sample of each recording.
         temperature: °C, shape (n,); None unless every recording has it.
         steady: only the curve of torque over constant speeds is compared (see `speed_curve`).
@@ -184,6 +185,7 @@ class Prepared:
     lag_error: float = 0.0
     cycles: int = 0
     filtered: bool = False
+    coarse: bool = False
     starts: tuple[int, ...] = (0,)
     temperature: Floats | None = None
     steady: bool = False

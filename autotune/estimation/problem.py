@@ -36,6 +36,8 @@ CERTAIN_ERRORS = 2.0
 MEDIAN_OF_ONE = 0.455
 """Of its mean: the median of a squared deviate, as the variance of two repeats is one."""
 NOISE_CHUNK = 60
+ONE_WAY = 0.05
+"""Of the travel: what may go the other way of motion one way."""
 OUTLYING, OUTLYING_SECONDS = 12.0, 0.25
 """Times the median power: a piece of so many seconds with more is left out."""
 OUTLYING_SIZE, FEW = 6.0, 0.02
@@ -377,7 +379,7 @@ def new_problem(data: Prepared, controller: PositionController | None, policy: P
         float(np.ptp(data.position[rows])) or 1.0,
         float(np.percentile(np.abs(data.acceleration[rows]), 99.5)) or 1.0,
         float(len(data.time) * data.period),
-        _one_way(data.velocity[rows]),
+        one_way(data.velocity[rows]),
         data.steady,
     )
     return Problem(data, moved, usable, STILL, scales, np.ones(len(rows)), policy=policy)
@@ -390,11 +392,11 @@ def _can_tell(name: str, scales: Scales) -> bool:
     return not scales.steady or name in ("viscous", "coulomb")
 
 
-def _one_way(velocity: Floats) -> bool:
-    """Whether less than a hundredth of the travel went the other way."""
+def one_way(velocity: Floats) -> bool:
+    """Whether less than a twentieth of the travel went the other way: a fit of both numbers asks for as much."""
     forward = float(np.sum(velocity[velocity > 0.0]))
     backward = -float(np.sum(velocity[velocity < 0.0]))
-    return min(forward, backward) < 0.03 * max(forward, backward)
+    return min(forward, backward) < ONE_WAY * (forward + backward)
 
 
 def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:

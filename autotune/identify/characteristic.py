@@ -137,6 +137,18 @@ def speed_groups(velocity: Floats, ratio: float = 1.05) -> NDArray[np.int64]:
     return groups
 
 
+def distinct_speeds(velocity: Floats, ratio: float) -> int:
+    """How many speeds there are of which each is faster than the next slower one by a factor.
+
+    Of a dense curve neighbours are not, and all of them would be one group (`speed_groups`).
+    """
+    count, least = 0, 0.0
+    for speed in np.sort(np.abs(velocity)).tolist():
+        if speed > least:
+            count, least = count + 1, ratio * speed
+    return count
+
+
 def parameter_names(shape: Shape, asymmetric: bool) -> list[str]:
     """What a shape has to be fitted."""
     names = ["coulomb", "viscous", "offset"]

@@ -21,6 +21,7 @@ from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.estimation.bandwidth import Bands
 from autotune.estimation.data import STANDSTILL_SECONDS
 from autotune.estimation.pieces import Piece
+from autotune.estimation.problem import ONE_WAY
 from autotune.identify.ripple_lines import ALIKE, LEAST_GAIN, PlaceTerms, find_lines, held_out_error
 from autotune.models.compiled import compiled
 from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE, LEAST_PERIODS, MOST_ORDERS, SPACING
@@ -431,7 +432,7 @@ def _refuse_one_direction(pieces: Sequence[Piece]) -> None:
         raise NotEnoughExcitation("the axis stands still in this recording; nothing can be fitted to it")
     moving = speed[np.abs(speed) > 0.05 * fast]
     share = float(np.sum(moving[moving > 0])) / float(np.sum(np.abs(moving)))
-    if min(share, 1.0 - share) < 0.05:
+    if min(share, 1.0 - share) < ONE_WAY:
         word = "positive" if share > 0.5 else "negative"
         raise OneDirection(
             f"the axis moved in the {word} direction only; Coulomb friction and offset cannot be told apart. "

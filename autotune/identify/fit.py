@@ -130,7 +130,8 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
         for name in _vague(kind, joint):
             joint = _held(name, model, recording, seed, controller)
     joint = replace(joint, estimate=_doubted(joint.estimate, brought))
-    return _result(_without_beside(joint, start, effects))
+    middle = float(np.mean(np.concatenate([piece.position for piece in pieces])))
+    return _result(_without_beside(joint, start, effects, middle))
 
 
 def _twin_misleads(joint: Joint, start: Guess) -> bool:
@@ -166,8 +167,12 @@ def _doubted(estimate: Estimate, brought: Brought) -> Estimate:
     return replace(estimate, parameters=MappingProxyType(quantities), notes=(*notes, *estimate.notes))
 
 
-def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str]) -> Joint:
-    """The base model with the effects that were asked for, and a sentence on what was fitted beside them."""
+def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str], middle: float) -> Joint:
+    """The base model with the effects that were asked for, and a sentence on what was fitted beside them.
+
+    `middle`: mean position. What a spring holds there is an offset of a model without it: where the position is zero,
+    the axis may never have been.
+    """
     model, notes = joint.model, list(joint.estimate.notes)
     beside = [effect for effect in model.effects if effect.name not in wanted]
     for effect in beside:
@@ -176,6 +181,12 @@ def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str]) -> Joint:
             notes.insert(0, _beside_note(effect, start, model))
         model = model.without_effect(effect.name)
     known = {name: q for name, q in joint.estimate.parameters.items() if name in model.parameters}
+    held = sum(effect.values["stiffness"].value * middle for effect in beside if effect.name == SPRING.name)
+    if held and "offset" in known:
+        known["offset"] = replace(known["offset"], value=known["offset"].value + held)
+        model = model.with_values(
+            {"offset": known["offset"].value}, {"offset": known["offset"].standard_error}
+        )
     if not joint.controller.usable and joint.controller.why == TWIN_WORSE:
         notes.append(f"No twin: {TWIN_WORSE}.")
     estimate = replace(joint.estimate, parameters=known, reason=missing(known), notes=tuple(notes))

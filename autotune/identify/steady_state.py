@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.pieces import UNFITTED
-from autotune.identify.characteristic import CurveFit, Points, compare_shapes, fit_curve, speed_groups
+from autotune.identify.characteristic import CurveFit, Points, compare_shapes, distinct_speeds, fit_curve
 from autotune.identify.estimate import Estimate
 from autotune.identify.ripple_lines import Line, columns, find_lines
 from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
@@ -34,6 +34,8 @@ from autotune.signals.filters import motion
 from autotune.signals.legs import Leg, find_legs
 
 LEAST_SPEEDS = 4
+NO_SCATTER = 1e-6
+"""Of the torque: less is rounding, as where each speed has its mean only."""
 _BLOCKS = 48
 _PARTS = 6
 
@@ -138,7 +140,7 @@ def _refuse_poor(velocity: Floats) -> None:
             f"the axis moved in the {word} direction only; Coulomb friction and offset cannot be told apart. "
             "Record both directions"
         )
-    speeds = len(np.unique(speed_groups(velocity, 1.2)))
+    speeds = distinct_speeds(velocity, 1.2)
     if speeds < LEAST_SPEEDS:
         raise NotEnoughExcitation(
             f"the legs have {speeds} different speeds; at least {LEAST_SPEEDS} are needed to tell Coulomb "
@@ -152,11 +154,12 @@ def _points(blocks: _Blocks, velocity: Floats, scale: float) -> tuple[Points, li
     levels = (blocks.leg[:, None] == np.arange(count)).astype(float)
     fixed = np.hstack([levels, blocks.acceleration[:, None]])
     first = blocks.torque - fixed @ np.linalg.lstsq(fixed, blocks.torque, rcond=None)[0]
-    steady = _steady(first, blocks.leg, count)
+    least = NO_SCATTER * float(np.max(np.abs(blocks.torque)))
+    steady = _steady(first, blocks.leg, count, least)
     ripple = find_lines(blocks.position[steady], first[steady], fixed[steady], scale)
     waves = columns(blocks.position, [line.order for line in ripple], scale)
     design = np.hstack([fixed, waves])
-    weight = 1.0 / _leg_scatter(first, blocks.leg, count)
+    weight = 1.0 / _leg_scatter(first, blocks.leg, count, least)
     weighted = design * weight[:, None]
     solution = np.linalg.lstsq(weighted, blocks.torque * weight, rcond=None)[0]
     rest = blocks.torque - design @ solution
@@ -166,15 +169,15 @@ def _points(blocks: _Blocks, velocity: Floats, scale: float) -> tuple[Points, li
     return Points(mean_velocity, level, _pooled(errors, level)), ripple
 
 
-def _leg_scatter(rest: Floats, leg: NDArray[np.int64], count: int) -> Floats:
-    """Standard deviation of each block's leg, shape (m,); never below a tenth of the typical one."""
+def _leg_scatter(rest: Floats, leg: NDArray[np.int64], count: int, least: float) -> Floats:
+    """Standard deviation of each block's leg, shape (m,); never below a tenth of the typical one, nor `least`."""
     scatter = np.array([np.std(rest[leg == number]) for number in range(count)])
-    return np.asarray(np.maximum(scatter, 0.1 * np.median(scatter) + 1e-300)[leg])
+    return np.asarray(np.maximum(scatter, max(0.1 * float(np.median(scatter)), least))[leg])
 
 
-def _steady(rest: Floats, leg: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+def _steady(rest: Floats, leg: NDArray[np.int64], count: int, least: float) -> NDArray[np.bool_]:
     """Blocks of legs whose torque is not dominated by what the control loop does."""
-    scatter = _leg_scatter(rest, leg, count)
+    scatter = _leg_scatter(rest, leg, count, least)
     return scatter <= 2.0 * np.median(scatter)
 
 
@@ -187,7 +190,7 @@ def _scatter(rest: Floats) -> float:
 
 def _pooled(errors: Floats, level: Floats) -> Floats:
     """Six parts tell a scatter only to 30 %: half of each leg's own, half of the typical one."""
-    typical = max(float(np.median(errors)), 1e-6 * float(np.max(np.abs(level))))
+    typical = max(float(np.median(errors)), NO_SCATTER * float(np.max(np.abs(level))))
     return np.asarray(np.sqrt(0.5 * errors**2 + 0.5 * typical**2))
 
 
@@ -244,7 +247,7 @@ def holds_constant_speeds_only(recording: Recording) -> bool:
         return False
     velocity = np.array(speeds)
     both = len(np.unique(np.sign(velocity))) > 1
-    return both and len(np.unique(speed_groups(velocity, 1.2))) >= LEAST_SPEEDS
+    return both and distinct_speeds(velocity, 1.2) >= LEAST_SPEEDS
 
 
 def fit_speed_curve(recording: Recording, effects: Sequence[str]) -> SpeedCurve:

@@ -170,7 +170,7 @@ class Kind:
             every course inside its bounds is.
         needs_rests: only the difference between short and long rests shows it.
         both_ways: motion one way cannot tell it from a torque that depends on the place.
-        quick: it lives in quick changes of torque, and is lost where a column was filtered.
+        quick: it lives in quick changes of torque, and is lost where a column was filtered or is too coarse.
         of_place: it depends on place or direction alone, and shows even where the sampling is too slow.
         keeps_zero: it lies at places; a position that counts from another zero makes it another torque.
         at_constant_speed: it shows in mean torques at constant speeds.

@@ -30,7 +30,13 @@ from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import beyond_presliding, goes_with_place
+from autotune.estimation.cross_validation import (
+    Unseen,
+    beyond_presliding,
+    evenly,
+    gain_and_z,
+    goes_with_place,
+)
 from autotune.estimation.data import prepare
 from autotune.estimation.least_squares import Free, with_values
 from autotune.estimation.policy import POLICY
@@ -621,3 +627,33 @@ def test_rows_that_an_effect_explains_were_no_events(bump: float, event: float, 
     assert out > 0.01
     assert bool(np.mean(again.weight == 0.0) < 0.5 * out) is back
     assert (there is root) is not back
+
+
+@pytest.mark.parametrize(("counts", "coarse"), [(4096, True), (200_000, False)])
+def test_counts_that_are_a_part_of_the_acceleration_hide_what_is_quick(counts: int, coarse: bool) -> None:
+    """A second mass behind a spring swallows what counts seem to need: it was named for a slow pendulum."""
+    time = np.arange(0.0, 20.0, 5e-3)
+    q = 0.25 * np.sin(2.0 * time) + 0.1 * np.sin(5.1 * time + 1.0)
+    v, a = np.gradient(q, time), np.gradient(np.gradient(q, time), time)
+    torque = 5e-3 * a + 4e-3 * v + 0.04 * np.tanh(v / 0.02)
+    torque += np.random.default_rng(2).normal(0.0, 5e-4, len(q))
+    count = 2.0 * np.pi / counts
+    columns = {"time": time, "position": np.round(q / count) * count, "torque": torque}
+    metadata = Metadata(sample_period=5e-3, position_resolution=count)
+    recording = Recording.from_columns(columns, metadata, "swing")
+    data = prepared_for([recording])
+    assert data.coarse is coarse
+    values = {"inertia": 5e-3, "coulomb": 0.04, "viscous": 4e-3, "stiffness": 20.0, "micro_damping": 0.1}
+    found = diagnose([recording], base_model(values | {"offset": 0.0}))
+    assert not found.effects
+    assert any("counts make a part of the acceleration" in note for note in found.notes) is coarse
+
+
+@pytest.mark.parametrize(("left", "sure"), [(0.05, True), (0.3, False)])
+def test_of_few_chunks_that_all_vanish_it_is_no_chance(left: float, sure: bool) -> None:
+    """Ten slow seconds are five chunks: a weight that explained 99.99 % was "not in enough of them to be no chance"."""
+    before = Unseen(np.array([1.0, 2.0, 8.0, 0.5, 2.5]))
+    after = Unseen(before.chunks * left)
+    assert gain_and_z(before, after)[1] < POLICY.least_z_single
+    assert (evenly(before, after) > POLICY.least_z_single) is sure
+    assert evenly(Unseen(np.array([1.0, 2.0])), Unseen(np.zeros(2))) < POLICY.least_z_single

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from autotune.diagnosis import candidates, facts, settling, verdict
@@ -18,6 +19,7 @@ from autotune.diagnosis.facts import Facts
 from autotune.diagnosis.free_shape import OtherProportion, Relaxed
 from autotune.diagnosis.starts import varying
 from autotune.diagnosis.verdict import CASES
+from autotune.diagnosis.wording import rms_unexplained
 from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
@@ -770,3 +772,38 @@ def test_the_row_of_a_torque_is_told_anew_where_only_the_other_one_names_what_is
     monkeypatch.setattr(verdict, "_together", lambda *_: other)
     found = verdict._likelier(first, searched(1.0, notes[0]), searched(left, notes[1]), lambda _: None)
     assert found is (other if taken else first)
+
+
+@pytest.mark.parametrize(
+    ("kind", "rivals", "structured"),
+    [
+        (SingleRecording, ("spring",), False),
+        (SingleRecording, (), True),
+        (RepeatedProgramme, ("spring",), True),
+    ],
+)
+def test_over_little_travel_a_weight_or_a_spring_is_one_of_the_two(
+    monkeypatch: pytest.MonkeyPatch, kind: type, rivals: tuple[str, ...], structured: bool
+) -> None:
+    """Any smooth course does as well as a weight's: where a spring does, too, that is in doubt and not unknown."""
+    monkeypatch.setattr(facts, "any_course", lambda *_: True)
+    monkeypatch.setattr(facts.Facts, "accepted", True)
+    chosen = SimpleNamespace(named=True, model_fit=None, effect="gravity_imbalance")
+    known = Facts(
+        SimpleNamespace(policy=POLICY, has_veto=False), SimpleNamespace(), chosen, kind(), (), None, "position", 0.0,
+        0.9, rivals,
+    )  # fmt: skip
+    assert known.structured == structured
+
+
+@pytest.mark.parametrize(("one_way", "share"), [(True, 0.1), (False, 1.0)])
+def test_of_motion_one_way_friction_s_level_is_explained(one_way: bool, share: float) -> None:
+    """By its spread, noise on a motor that rolls at one speed was 41 % of a torque of which 98 % were explained."""
+    noise = np.tile([0.1, -0.1], 50)
+    problem = SimpleNamespace(
+        training=np.ones(100),
+        data=SimpleNamespace(torque=1.0 + noise, grid=np.arange(100)),
+        scales=SimpleNamespace(one_way=one_way),
+    )
+    root = SimpleNamespace(fitted=SimpleNamespace(error=noise))
+    assert rms_unexplained(problem, root) == pytest.approx(share, rel=0.01)

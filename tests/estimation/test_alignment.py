@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from autotune.core.arrays import Floats
+from autotune.diagnosis.fit_recordings import fit_recordings
+from autotune.diagnosis.verdict import diagnose
+from autotune.estimation.alignment import aligned, low_passed
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.controller import find_controller
 from autotune.identify.fit import fit
-from autotune.recordings.recording import Recording
+from autotune.recordings.recording import Metadata, Recording
 from tests.estimation.simulated import AXIS, TRUE, recorded
 
 TOLERANCE = {"inertia": 0.01, "coulomb": 0.02, "viscous": 0.03}
@@ -57,3 +60,63 @@ def test_without_a_reference_a_fit_moves_the_torque_as_a_diagnosis_does(rows: in
     found = fit(_with_torque(whole, torque, reference=False))
     for name, tolerance in TOLERANCE.items():
         assert found.model[name] == pytest.approx(AXIS[name], rel=tolerance), name
+
+
+def _rolling(speed: float, seconds: float = 20.0) -> Recording:
+    """A bare motor (A, rad) that a slow speed loop keeps rolling over its cogging, 18 and 72 waves a turn.
+
+    The loop sees a velocity that went through 30 Hz, so that its answer looks like a filtered torque.
+    """
+    period, parts, inertia, friction = 1e-3, 10, 2.2e-4, 0.08
+    rows = round(seconds / period)
+    position, torque = np.empty(rows), np.empty(rows)
+    q = v = seen = total = 0.0
+    last = 0.0
+    for row in range(rows):
+        seen += 0.17 * ((q - last) / period - seen)
+        last = q
+        total += 0.3 * (speed - seen) * period
+        position[row], torque[row] = q, 0.03 * (speed - seen) + total
+        for _ in range(parts):
+            cogging = 0.14 * np.sin(18.0 * q) + 0.12 * np.sin(72.0 * q + 1.0)
+            v += (torque[row] - cogging - friction * np.tanh(v / 0.05)) / inertia * period / parts
+            q += v * period / parts
+    columns = {"time": period * np.arange(rows), "position": position, "torque": torque}
+    return Recording.from_columns(columns, Metadata(), "rolling")
+
+
+@pytest.mark.parametrize("speed", [6.0, 8.0])
+def test_a_controller_s_answer_is_no_filtered_torque(speed: float) -> None:
+    """It holds against velocity: taken for a filter, the motion was smoothed until no inertia was left, nor cogging."""
+    recording = _rolling(speed)
+    assert low_passed(prepared_for([recording])) is None
+    model = fit_recordings([recording]).model
+    assert model is not None
+    assert model["inertia"] == pytest.approx(2.2e-4, rel=0.4)
+    found = diagnose([recording], model)
+    assert found.effects == ("torque_ripple",)
+    assert not any(
+        "whatever the motion" in note for note in found.notes
+    )  # at one speed cogging is in step with time
+
+
+def _under_gravity() -> Recording:
+    """An arm's joint over a third of a turn: a load of 110 N m, 14 N m of friction, samples of 8 ms."""
+    period = 8e-3
+    time = period * np.arange(2500)
+    q = 0.3 + 0.5 * np.sin(0.63 * time) + 0.35 * np.sin(1.7 * time + 1.0) + 0.1 * np.sin(4.4 * time)
+    v, a = np.gradient(q, period), np.gradient(np.gradient(q, period), period)
+    torque = 7.0 * a + 16.0 * v + 14.0 * np.tanh(v / 0.01) + 110.0 * np.sin(q + 0.2)
+    torque += np.random.default_rng(3).normal(0.0, 0.3, len(q))
+    return Recording.from_columns(
+        {"time": time, "position": q, "torque": torque}, Metadata(sample_period=period), "joint"
+    )
+
+
+@pytest.mark.parametrize("rows", [0, 2])
+def test_a_load_draws_the_torque_nowhere(rows: int) -> None:
+    """What belongs to the place was missing when columns were brought together: it came out two samples off."""
+    joint = _under_gravity()
+    late = _with_torque(joint, _late(joint, rows) if rows else joint["torque"])
+    data = aligned(prepared_for([late]))
+    assert data.shift / data.upsampling == pytest.approx(2.0 * rows, abs=1.0)

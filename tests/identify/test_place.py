@@ -14,6 +14,7 @@ from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.diagnosis.fit_recordings import fit_recordings
 from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.verdict import diagnose
+from autotune.estimation.problem import one_way
 from autotune.identify.ripple_lines import find_lines, held_out_error
 from autotune.recordings.recording import Metadata, Recording
 
@@ -193,3 +194,38 @@ def test_what_is_left_on_stretches_left_out_grows_with_terms_that_mean_nothing()
     random = np.random.default_rng(5)
     target, useful, useless = random.normal(size=400), np.ones((400, 1)), random.normal(size=(400, 20))
     assert held_out_error([(useful, target)]) < held_out_error([(np.hstack([useful, useless]), target)])
+
+
+def test_what_a_spring_holds_where_the_axis_moves_is_an_offset_of_a_model_without_it() -> None:
+    """About half a turn an inverted pendulum is a spring that pushes, from a place where the axis never was: the model
+    without it was wrong by ten times the torque.
+    """
+    time = np.arange(0.0, 20.0, 2e-3)
+    q = np.pi + 0.2 * np.sin(0.8 * time) + 0.15 * np.sin(2.1 * time + 1.0) + 0.05 * np.sin(5.0 * time)
+    v, a = np.gradient(q, time), np.gradient(np.gradient(q, time), time)
+    torque = 0.015 * a + 4e-3 * v + 0.02 * np.tanh(v / 5e-3) + 0.15 * np.sin(q)
+    torque += np.random.default_rng(1).normal(0.0, 1e-3, len(q))
+    columns = {"time": time, "position": q, "torque": torque}
+    found = fit_recordings([Recording.from_columns(columns, Metadata(sample_period=2e-3), "inverted")])
+    assert "spring" in said(found)
+    assert found.model is not None
+    assert abs(found.model["offset"]) < 0.02
+    assert found.relative_error < 1.2
+
+
+def test_motion_one_way_is_one_way_for_the_guess_and_for_the_search() -> None:
+    """With 4 % of the travel back the guess left both numbers to a search that fitted both, and knew neither."""
+    speed = np.concatenate([np.full(960, 1.0), np.full(40, -1.0)])
+    assert one_way(speed)
+    assert not one_way(np.concatenate([speed, np.full(40, -1.0)]))
+    period = 1e-3
+    position = np.cumsum(5.0 + 6.2 * np.sin(40.0 * period * np.arange(8000))) * period
+    velocity = np.gradient(position, period)
+    assert 0.03 < -velocity[velocity < 0].sum() / np.abs(velocity).sum() < 0.05
+    torque = 0.1 * np.sign(velocity) + 2e-4 * np.gradient(velocity, period)
+    torque += 1e-3 * np.random.default_rng(1).normal(size=len(torque))
+    columns = {"time": period * np.arange(8000), "position": position, "torque": torque}
+    found = fit_recordings([Recording.from_columns(columns, Metadata(), "rolling")])
+    assert found.valid
+    assert found.model is not None
+    assert found.model["offset"] == 0.0

@@ -47,7 +47,7 @@ def bring_in(*paths: Path, kind: str = "csv", columns: tuple[str, ...] = (), **o
     """`import_files` with plain arguments."""
     wishes = {
         name: options.pop(name)
-        for name in ("motion_unit", "torque_unit", "resolution", "period")
+        for name in ("motion_unit", "torque_unit", "resolution", "period", "speed_curve")
         if name in options
     }
     return import_files(paths, Options(kind, columns, Wishes(**wishes), **options))  # type: ignore[arg-type]

@@ -56,6 +56,10 @@ ITERATIONS = 10
 MOST_LIKELY, SURROGATES = 6, 20
 MOST_NEIGHBOURS, LEAST_NEIGHBOURS, NEIGHBOURS = 6000, 300, 40
 APART = 0.5  # s, between rows that are compared
+COARSE = (
+    "The encoder's counts make a part of the acceleration however slow the motion that is compared: inertia is vague, "
+    "and effects of quick motion cannot be told. Record a finer position, quicker motion, or the reference."
+)
 OF_DISTURBANCES = ("time", "acceleration")
 """Coordinates of which free functions say nothing where nothing is repeated. Each moment is there once: any level that
 wanders has a course in time. And what a force from outside moves is the acceleration: where that is small it is the
@@ -229,10 +233,12 @@ class SingleRecording(Evidence):
         return without_outlying(problem, error)
 
     def limits(self, problem: Problem) -> tuple[str, ...]:
+        coarse = (COARSE,) * problem.data.coarse
         if highest_frequency(problem) <= problem.policy.beyond * resolved_frequency(problem):
-            return ()
+            return coarse
         period = 1e3 * problem.data.upsampling * problem.data.period
         return (
+            *coarse,
             f"The torque holds frequencies up to {highest_frequency(problem):.3g} Hz, samples of {period:.3g} ms "
             f"allow {resolved_frequency(problem):.2g} Hz: only effects of place and direction can be told. Record "
             "faster, or move more gently.",

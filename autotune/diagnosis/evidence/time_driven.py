@@ -41,6 +41,8 @@ AT_ENDS = 8
 """Of the rows, one in so many before and behind: a motion comes up from rest there and goes back to it."""
 AS_WELL = 0.5
 """Of what a line over time explains: where a wave over position does as much, nothing says that time drives it."""
+IN_STEP = (2.0, 98.0)
+"""% of the rows: where an axis comes up to its one speed it is not in step with a clock."""
 ALIKE_PHASE = math.radians(30.0)
 """Of a line that comes and goes: how far its phase may be off in a repeat of an experiment."""
 HUNTS_ABOVE, NARROW, MOST, LOUD = 10.0, 0.1, 0.5, 0.1
@@ -429,11 +431,18 @@ def _of_the_motion(hertz: float, period: float, seconds: float) -> bool:
 
 
 def _over_place(problem: Problem, values: Floats, line: TimeLine) -> bool:
-    """Whether a wave over position explains most of what a line over time does: the axis goes on at one speed."""
+    """Whether a wave over position explains most of what a line over time does: the axis goes on at one speed.
+
+    Or could: a motor that is caught by its cogging and let go makes no sine over the place, and is in step with the
+    clock as long as it is never a period ahead of one speed, nor behind.
+    """
     data, rows = problem.data, problem.training > 0
-    place = data.position[data.grid[rows]]
-    seconds = float(np.ptp(_clock(problem)[rows]))
-    turns = line.hertz * seconds / max(float(np.ptp(place)), 1e-300)
+    place, clock = data.position[data.grid[rows]], _clock(problem)[rows]
+    turns = line.hertz * float(np.ptp(clock)) / max(float(np.ptp(place)), 1e-300)
+    speed, start = np.polyfit(clock, place, 1)
+    behind, before = np.percentile(line.hertz * ((place - start) - speed * clock), IN_STEP)
+    if before - behind < abs(float(speed)):
+        return True
     cycles = turns + np.linspace(-4.0, 4.0, 81) / max(float(np.ptp(place)), 1e-300)
     return max(_share(place, values, float(one)) for one in cycles) > AS_WELL * line.share
 

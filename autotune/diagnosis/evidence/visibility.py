@@ -58,7 +58,7 @@ LONGEST_DELAY = 0.1  # s
 def visible(problem: Problem, item: ScreenedCandidate) -> bool:
     """Whether this recording could show the effect with the parameters that were fitted."""
     kind = EFFECTS[item.effect]
-    if kind.quick and problem.data.filtered:
+    if kind.quick and (problem.data.filtered or problem.data.coarse):
         return False
     too_slow = highest_frequency(problem) > problem.policy.beyond * resolved_frequency(problem)
     if too_slow and not kind.of_place:

@@ -71,7 +71,11 @@ def _rest(options: Options) -> list[str]:
         "--controller": str(controller) if controller is not None else None,
         "--experiment": options.experiment,
     }
-    flags = {"--keep-signs": options.keep_signs, "--keep-leaps": options.keep_leaps}
+    flags = {
+        "--keep-signs": options.keep_signs,
+        "--keep-leaps": options.keep_leaps,
+        "--speed-curve": wishes.speed_curve,
+    }
     words = [word for name, value in given.items() if value is not None for word in (name, _word(value))]
     return words + [name for name, wanted in flags.items() if wanted]
 

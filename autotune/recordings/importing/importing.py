@@ -54,6 +54,7 @@ from autotune.recordings.importing.plausible import (
     sizes_of_dynamics,
 )
 from autotune.recordings.importing.source import Column, Source
+from autotune.recordings.importing.speed_table import as_stretches
 from autotune.recordings.importing.stated import with_stated_period
 from autotune.recordings.limits import refuse_impossible
 from autotune.recordings.recording import RESERVED_EXPERIMENTS, Metadata, Recording, concatenate
@@ -129,6 +130,8 @@ def _read(source: Source, paths: Sequence[Path], options: Options) -> _File:
         known = written(choices, source, assigned) | ({TARGET: source.name_of(labelled)} if labelled else {})
         raise ask(path, paths, doubts, known, options)
     facts: dict[str, str] = {}
+    if options.wishes.speed_curve:
+        columns, labelled = as_stretches(columns, path, lines), None
     columns, names = _labelled(columns, source, labelled, lines)
     columns = _with_clock(columns, source, options, lines)
     columns = without_copies(without_missing(columns, path, lines), lines)

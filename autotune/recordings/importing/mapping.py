@@ -12,7 +12,14 @@ from autotune.core.errors import ConfigurationError, a_few
 from autotune.recordings.importing.asking import Doubt
 from autotune.recordings.importing.factor import Assignment
 from autotune.recordings.importing.options import Wishes
-from autotune.recordings.importing.recognise import KINDS, Guess, guess, quantity_of, unit_of
+from autotune.recordings.importing.recognise import (
+    KINDS,
+    Guess,
+    could_be_position,
+    guess,
+    quantity_of,
+    unit_of,
+)
 from autotune.recordings.importing.source import Source, usual_rows
 from autotune.recordings.importing.units import Unit, find_unit
 from autotune.recordings.recording import FLOAT_COLUMNS
@@ -56,6 +63,8 @@ def choose(
     doubts = [one for one in found if isinstance(one, Doubt)]
     targets = {one.target for one in found}
     doubts += _missing(targets, source, guesses, wishes)
+    if "position" not in targets and "velocity" in targets - set(assigned):
+        doubts += _overlooked_position(source, rows)
     return choices, doubts + _mixed(choices, source, wishes)
 
 
@@ -254,9 +263,12 @@ def _missing(targets: set[str], source: Source, guesses: list[Guess], wishes: Wi
     """Time, position (or velocity) and torque where nothing seems to be one."""
     missing: dict[str, str] = {}
     doubts: list[Doubt] = []
-    if "time" not in targets and source.period is None and wishes.period is None:
-        missing["time"] = "time (or --period)"
-    if not {"position", "velocity"} & targets:
+    if not ("time" in targets or source.period or wishes.period or wishes.speed_curve):
+        table = ", or --speed-curve where each row is a constant speed with its mean torque"
+        missing["time"] = f"time (or --period{table * ('velocity' in targets and 'position' not in targets)})"
+    if wishes.speed_curve and "velocity" not in targets:
+        missing["velocity"] = "velocity"
+    elif not {"position", "velocity"} & targets:
         missing["position"] = "position"
     if not {"torque", "torque_command"} & targets:
         electric = _a_current(source, guesses, wishes)
@@ -265,6 +277,22 @@ def _missing(targets: set[str], source: Source, guesses: list[Guess], wishes: Wi
             missing["torque"] = "torque"
     told = f"cannot tell which column is {', '.join(missing.values())}; the file has {source.described()}"
     return doubts + [Doubt(target, told, "NAME") for target in missing]
+
+
+def _overlooked_position(source: Source, rows: int | None) -> list[Doubt]:
+    """Columns that may be the position of a file of which only the velocity was recognised.
+
+    Integrated from that, it would start at 0 and drift.
+    """
+    hits = [i for i, c in enumerate(source.columns) if c.rows == rows and could_be_position(c)]
+    if not hits:
+        return []
+    names = a_few([f"'position={source.called(i)}'" for i in hits], 4)
+    sentence = (
+        f"no column is called a position, but {len(hits)} measure{'s' * (len(hits) == 1)} an angle, a length or "
+        f"counts: say {names}; with 'velocity=...' named and no 'position=...' it is integrated from the velocity"
+    )
+    return [Doubt("position", sentence, "NAME")]
 
 
 def _a_current(source: Source, guesses: list[Guess], wishes: Wishes) -> list[Doubt]:

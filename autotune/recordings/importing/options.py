@@ -9,12 +9,16 @@ from autotune.recordings.recording import Controller
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """What the person said: motion unit, unit of the torque column, one count of the encoder, period."""
+    """What the person said: motion unit, unit of the torque column, one count of the encoder, period.
+
+    `speed_curve`: each row is a constant speed with its mean torque.
+    """
 
     motion_unit: str | None = None
     torque_unit: str | None = None
     resolution: float | None = None
     period: float | None = None
+    speed_curve: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,9 @@ _ROLES = {
     "forward": "feedforward ff offset",
     "other": "friction estimated est load disturbance limit max min std",
 }
+_WHICH_WORDS = "actual act measured meas real joint axis motor link shaft encoder sensor raw"
+"""Words that say which of several quantities of one kind a column is; beside them a short name is as plain as alone."""
+_WHICH = frozenset(_WHICH_WORDS.split())
 _WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in words.split()}
 _COMPOUND = re.compile(
     r"(?P<before>soll|ist)(?P<behind>[a-zäöü]{2,})|(?P<ahead>[a-zäöü]{2,}?)s?(?P<after>soll|ist)(wert)?"
@@ -91,6 +94,12 @@ def unit_of(column: Column, quantity: str = "") -> Unit | None:
     return find_unit(column.unit, "length" if quantity == "position" else "") if column.unit else None
 
 
+def could_be_position(column: Column) -> bool:
+    """Whether a column measures an angle, a length or counts, and its name does not say of what."""
+    unit = unit_of(column, "position")
+    return unit is not None and unit.kind in KINDS["position"] and _words(column.name) == ("", "")
+
+
 def guess(column: Column) -> Guess:
     """What the column seems to be."""
     if column.name in FLOAT_COLUMNS:
@@ -126,7 +135,7 @@ def _words(name: str) -> tuple[str, str]:
     words = [part for word in re.split(r"[^a-zäöüµ]+", spaced.lower()) if word for part in _parts(word)]
     if not words:
         return "", ""
-    short = len(words) == 1
+    short = sum(word not in _WHICH and word not in _ROLE_WORDS for word in words) == 1
     quantities = [
         _WORDS[word] for word in words if word in _WORDS and (short or len(word) > 1 or word == "t")
     ]
