@@ -44,7 +44,7 @@ from autotune.estimation.controller_search import PIECE_SECONDS
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_counts, with_expected_noise
-from autotune.estimation.least_squares import Fitted, followed
+from autotune.estimation.least_squares import Fitted, followed, followed_within
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
     Correction,
@@ -131,7 +131,7 @@ class PlainFit:
         if not correction.stable:
             return math.inf, 0.0
         weight, jacobian = problem.training, self.fitted.jacobian
-        left = followed(jacobian, self.fitted.error - correction.bias, weight)
+        left = followed_within(self.fitted, self.fitted.error - correction.bias, weight)
         later = followed(jacobian, half_a_sample_later(problem.data), weight)
         moved = -float((weight * later) @ left) / max(float((weight * later) @ later), 1e-300)
         half = 0.5 * problem.data.period
