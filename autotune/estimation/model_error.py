@@ -286,7 +286,7 @@ def _least_left(
     plain: dict[tuple[object, ...], PlainFit] = {}
     best = _Least(laws[0], disturbance or STILL)
     for law in reversed(laws):
-        own = law if law.asked > 0.0 or law.stepped else None
+        own = law if law.asked > 0.0 or law.stepped or law.held else None
         key = law.in_band, law.taken, law.sensed, law.demanded, own
         if key not in plain:
             plain[key] = fitted(law)
@@ -296,14 +296,26 @@ def _least_left(
         before = math.inf
         for one in _faster(law, 1 if every or math.isinf(best.left) else best.law.ticks, period):
             left, later = here.left_by(one, disturbance)
-            # of another torque, with another noise; and what explains every row needs no more than chance beside it
-            left *= AS_MUCH if one.demanded else CLEARLY_LESS if one.exact else 1.0
+            left *= _handicap(one)
             if left < best.left:
                 best = _Least(one, disturbance, left, later)
             if left > min(before, FAR * best.left):
                 break
             before = left
     return replace(best, disturbance=disturbance or STILL)
+
+
+def _handicap(law: PositionController) -> float:
+    """Times what the twin of a law leaves, beside those of others.
+
+    One of another torque has another noise; what explains every row needs no more than chance beside it. Most drives
+    interpolate: one that does not must leave clearly less, and not by chance.
+    """
+    if law.demanded:
+        return AS_MUCH
+    if law.held:
+        return 1.0 / CLEARLY_LESS
+    return CLEARLY_LESS if law.exact else 1.0
 
 
 def told_beside(problem: Problem, fitted: Fitted) -> Problem:
