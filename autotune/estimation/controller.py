@@ -20,6 +20,7 @@ from autotune.estimation.controller_between import (
     answering_late,
     as_quick,
     following_late,
+    holding,
     laws_between,
     laws_of_quick_rows,
     laws_of_slow_rows,
@@ -157,10 +158,12 @@ def controllers_of(
         if part is None:
             other = by_sensor(acted, between) if quiet is data else _demanded(samples)
     moment = next((law for law in laws if law.ticks > 1 and law.taken == MOMENT), None)
+    held = _remembered(b"held", heard, lambda: holding(heard, between))
     stepped = () if moment is None else _remembered(b"eve", heard, lambda: read_before_steps(heard, moment))
     if between.quick:
-        smooth, late, stepped = (tuple(as_quick(law) for law in some) for some in (smooth, late, stepped))
-    return (laws[0], *other, *plain, *laws[1:], *smooth, *late, *stepped)
+        others = smooth, late, stepped, held
+        smooth, late, stepped, held = (tuple(as_quick(law) for law in some) for some in others)
+    return (laws[0], *other, *plain, *laws[1:], *held, *smooth, *late, *stepped)
 
 
 def _demanded(samples: LoopSamples) -> tuple[PositionController, ...]:
@@ -206,11 +209,36 @@ def _some(law: PositionController | None) -> tuple[PositionController, ...]:
 
 def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
-    quiet, late = _compared(data, found), RECORDED_LATE[found.taken]
+    quiet, late = _compared(data, found), recorded_late_by(found)
+    if found.read_off and found.ticks > 1:
+        taken = _as_mean(quiet, found)
+        return _as_asked(taken, found) if found.asked > 0.0 else taken
     moved = a_row_sooner(quiet) if found.taken == BEFORE else shifted(quiet, late)
     taken = replace(moved, late=0.0) if late else quiet
     taken = _as_acted(taken, found)
     return _as_asked(taken, found) if found.asked > 0.0 and found.ticks > 1 else taken
+
+
+def recorded_late_by(law: PositionController) -> float:
+    """Half samples by which a torque is recorded late that acts from each sample to the next, as it is compared."""
+    return 0.0 if law.read_off else RECORDED_LATE[law.taken]
+
+
+def _as_mean(data: Prepared, law: PositionController) -> Prepared:
+    """Data whose torque is the mean from each row to the next of one that was read at a moment of it.
+
+    Where a drive holds its set points the torque steps with each and falls until the next: no mean of two readings is
+    what acted. The law knows by how much a reading is off, along the recorded motion.
+    """
+    seen = late_samples(_seen(data), law.reference_delay, law.position_delay)
+    rate = law.filter_rate(data.period)
+    read, acted = (
+        between_terms(seen, replace(law, reference_delay=0, taken=taken), rate) @ law.terms_gains
+        for taken in (law.taken, NEXT)
+    )
+    torque = data.torque + acted - read
+    sensed = torque if data.recorded_torque is data.sensed else data.sensed
+    return replace(data, torque=torque, recorded_torque=torque, sensed=sensed, shift=0.0, late=0.0)
 
 
 def _compared(data: Prepared, law: PositionController) -> Prepared:
@@ -351,7 +379,7 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
 
 def _asked_between(late: LoopSamples, law: PositionController) -> Floats:
     """The same of a law that works between the samples, from each to the next as its torque is recorded."""
-    by_moment = law.taken in (MOMENT, EVE)
+    by_moment = law.taken in (MOMENT, EVE) and not law.held
     now = replace(law, reference_delay=0, taken=law.taken if by_moment else NEXT, asked=0.0, adrift=False)
 
     def found() -> Floats:

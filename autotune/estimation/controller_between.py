@@ -65,6 +65,7 @@ QUICK_ROWS = (
     "are compared."
 )
 BETWEEN = "The drive's loop works between the samples, and is simulated so."
+HELD = " It takes its set points as they come, and stays at each until the next."
 HARDLY_COUNTS = 1e-6
 """Weight of a row that tells nothing beside others."""
 FASTEST = 25.0
@@ -72,6 +73,8 @@ FASTEST = 25.0
 MOST_ANSWER, FINER, MOST_SET_POINTS = 6, 3, 2
 """Ticks of `TICK` by which an answer may be late, how much finer it is found at last, and samples by which set points
 may be less late then."""
+A_LINE = 0.25
+"""Rows by which a rate that is fed forward makes a held reference move at most: a line is half a row beside it."""
 AS_MUCH = 1.1
 """Times the share that another law leaves: as much, within what counts and rounding make."""
 
@@ -189,6 +192,41 @@ def smooth_between(samples: LoopSamples, law: PositionController) -> PositionCon
     return replace(found, in_band=True, why=law.why) if _tells(found, samples) else None
 
 
+def holding(samples: LoopSamples, law: PositionController) -> tuple[PositionController, ...]:
+    """Laws of a drive that takes its set points as they come and stays at each until the next, one for each way of
+    recording a torque that explains as much as `law` does, with a reference that need not move between them.
+
+    A reading at the row's moment is the same on lines, on cubics and on steps; what acts until the next is not: the
+    position follows half a sample later, and a loop that answers to a step works it off within the row.
+    """
+    banded = _banded(samples)
+    coarse, whole = _Between(first_look(banded)), _Between(banded)
+    late = range(law.reference_delay + 2)
+    # whose rate goes past the filter: through it a step is gone before it is read
+    form = replace(FED, ticks=law.ticks, held=True)
+    found = []
+    for taken in (*TAKEN, EVE):
+        trials = coarse.laws(replace(form, taken=taken), law.filter_rate(samples.period), late)
+        best = _best_rate(coarse, max(trials, key=lambda trial: trial.explained))
+        rate = best.filter_rate(samples.period)
+        found.append(whole.law(_feeding_least(coarse.laws(best, rate, late), samples.period), rate))
+    most = AS_MUCH * (1.0 - max(law.explained, *(one.explained for one in found)))
+    steps = [one for one in found if abs(one.velocity_feedforward) < A_LINE * one.kp * samples.period]
+    return tuple(_said(one, samples) for one in steps if _tells(one, samples) and 1.0 - one.explained <= most)
+
+
+def _feeding_least(laws: Sequence[PositionController], period: float) -> PositionController:
+    """Of laws that explain alike the one whose reference's rate and acceleration do least by themselves.
+
+    They make up for another delay, and a drive that holds its set points has no use for the rate of its steps.
+    """
+    most = (1.0 - max(law.explained for law in laws)) * HARDLY_MORE
+    near = [law for law in laws if 1.0 - law.explained <= most]
+    return min(
+        near, key=lambda law: abs(law.velocity_feedforward) + abs(law.acceleration_feedforward) / period
+    )
+
+
 def read_before_steps(samples: LoopSamples, law: PositionController) -> tuple[PositionController, ...]:
     """Laws of a drive that holds what it feeds forward of the acceleration from set point to set point, and whose
     torque is that of the moment before it takes the next one in; none where that is no other than `law`.
@@ -289,7 +327,7 @@ def _tells(law: PositionController, samples: LoopSamples) -> bool:
 def _said(law: PositionController, samples: LoopSamples) -> PositionController:
     """The law, with what is to be said of it."""
     late = "" if samples.weight is None else f"{SLOW_ROWS} "
-    return replace(law, in_band=True, why=f"{late}{how_late(samples.period)} {BETWEEN}")
+    return replace(law, in_band=True, why=f"{late}{how_late(samples.period)} {BETWEEN}{HELD * law.held}")
 
 
 def _follows_by(samples: LoopSamples, acted: Floats) -> tuple[float, float]:
@@ -459,6 +497,7 @@ class _Between:
                     ticks=form.ticks,
                     cubic=form.cubic,
                     smooth=form.smooth,
+                    held=form.held,
                     taken=form.taken,
                     answer_delay=form.answer_delay,
                     stepped=form.stepped,
@@ -469,7 +508,7 @@ class _Between:
 
     def _triangle(self, form: PositionController, rate: float, delays: Sequence[int]) -> Triangle:
         """Of position, its filtered rate, and for every delay error, its sum, filtered rate, rate and bend of r."""
-        shape = form.ticks, form.cubic, form.smooth, form.taken, form.answer_delay, form.stepped
+        shape = form.ticks, form.cubic, form.smooth, form.held, form.taken, form.answer_delay, form.stepped
         key = *shape, rate, tuple(delays)
         if self._last is not None and self._last[0] == key:
             return self._last[1]
@@ -489,7 +528,7 @@ class _Between:
 
     def _between(self, form: PositionController, wants: bool) -> Floats:
         """`fine_reference` or `fine_position`."""
-        key = (form.ticks, form.cubic, form.smooth) if wants else (form.ticks,)
+        key = (form.ticks, form.cubic, form.smooth, form.held) if wants else (form.ticks,)
         if key not in self._fine:
             self._fine = {known: fine for known, fine in self._fine.items() if known[0] == form.ticks}
             now = replace(form, reference_delay=0)
@@ -501,7 +540,7 @@ class _Between:
     def _as_recorded(self, form: PositionController, wants: bool) -> Floats:
         """The same as the torque that answers to it is recorded."""
         shape = (form.cubic, form.smooth, form.stepped) if wants else ()
-        key = wants, form.ticks, form.taken, form.answer_delay, *shape
+        key = wants, form.ticks, form.taken, form.answer_delay, form.held, *shape
         if key not in self._recorded:
             as_recorded = reference_answered if wants else answered
             self._recorded[key] = as_recorded(self.samples, self._between(form, wants), form)
@@ -509,7 +548,7 @@ class _Between:
 
     def _filtered(self, form: PositionController, rate: float, wants: bool) -> Floats:
         """Filtered rate of reference or position, as the torque that answers to it is recorded, shape (n,)."""
-        shape = (form.cubic,) if wants else ()
+        shape = (form.cubic, form.held) if wants else ()
         key = rate, wants, form.ticks, *shape
         if key not in self._rates:
             self._rates = {known: fine for known, fine in self._rates.items() if known[0] == rate}

@@ -77,7 +77,8 @@ class PositionController:
         ticks: times that the law works from one sample to the next; `derivative_filter` is of a whole sample all the
             same. `cubic`: its reference is on cubics between them, else on straight lines. `smooth`: what it feeds
             forward of rate and acceleration is that of the set points, as where a planner gives them with their rates,
-            and on straight lines between them; else it is that of the step to each, and held.
+            and on straight lines between them; else it is that of the step to each, and held. `held`: its reference
+            is no line, but stays at each set point until the next.
         taken: how the torque of such a law was recorded, one of `TAKEN`.
         answer_delay: samples by which the torque of such a law answers late to all that it sees: what its loop takes to
             be computed, and a current loop to follow. `sensed`: it is the law of the torque by its own sensor.
@@ -115,6 +116,7 @@ class PositionController:
     ticks: int = 1
     cubic: bool = False
     smooth: bool = False
+    held: bool = False
     taken: str = "next"
     answer_delay: float = 0.0
     stepped: bool = False
@@ -206,11 +208,26 @@ class PositionController:
         `cycles`: of the answer's delay those by which the drive takes set points in later than it is read.
         """
         bend = self.acceleration_feedforward * bend_between(reference, period, self.ticks, self.smooth)
-        rate = self.velocity_feedforward * rate_between(reference, fine, period, self.ticks, self.smooth)
+        rate = self.velocity_feedforward * self.rate_of(reference, fine, period)
         moved = np.asarray(self.position_feedforward * fine + rate + self.constant)
         return later(moved, self.ticks_late) + later(
             bend, cycles * self.ticks if self.stepped else self.ticks_late
         )
+
+    def between(self, reference: Floats) -> Floats:
+        """The reference of shape (n,) as the drive has it from each set point to the next, shape (n·ticks,)."""
+        return np.repeat(reference, self.ticks) if self.held else finer(reference, self.ticks, self.cubic)
+
+    def rate_of(self, reference: Floats, fine: Floats, period: float) -> Floats:
+        """Its rate there, `fine` the reference itself; where that stays at each set point, of the last step."""
+        if self.held:
+            return np.repeat(np.diff(reference, prepend=reference[:1]) / period, self.ticks)
+        return rate_between(reference, fine, period, self.ticks, self.smooth)
+
+    @property
+    def read_off(self) -> bool:
+        """Whether its torque was read at a moment of what steps with each set point, and so is not what acts."""
+        return self.held and self.taken in (MOMENT, EVE)
 
     def held_until_read(self, reference: Floats, period: float) -> Floats:
         """What is missing in the mean of two readings, each of the moment before a step, of a feedforward that is held.
@@ -433,10 +450,10 @@ def fine_reference(samples: LoopSamples, law: PositionController) -> Floats:
     terms = np.zeros((4, len(samples.reference) * ticks))
     for rows in samples.stretches:
         inside = slice(rows.start * ticks, rows.stop * ticks)
-        fine = finer(samples.reference[rows], ticks, law.cubic)
+        fine = law.between(samples.reference[rows])
         summed = step * np.cumsum(fine - samples.position[rows.start])
         bend = bend_between(samples.reference[rows], samples.period, ticks, law.smooth)
-        moved = rate_between(samples.reference[rows], fine, samples.period, ticks, law.smooth)
+        moved = law.rate_of(samples.reference[rows], fine, samples.period)
         terms[:, inside] = fine, summed, bend, moved
     return terms
 
@@ -462,7 +479,12 @@ def between_terms(samples: LoopSamples, law: PositionController, rate: float) ->
 
 
 def answered(samples: LoopSamples, terms: Floats, law: PositionController) -> Floats:
-    """Rows of terms between the samples, shape (k, n·ticks), as the torque that answers to them is recorded, (k, n)."""
+    """Rows of terms between the samples, shape (k, n·ticks), as the torque that answers to them is recorded, (k, n).
+
+    Read before a drive takes in a set point that it holds, it is what the loop asked for a tick ago.
+    """
+    if law.held and law.taken == EVE:
+        terms = np.concatenate([terms[:, :1], terms[:, :-1]], axis=1)
     shown = terms
     if law.answer_delay and law.taken in (MOMENT, EVE):
         shown = terms[:, :: law.ticks].copy()

@@ -421,11 +421,33 @@ def _lowest_in_box(matrix: Floats, slope: Floats, low: Floats, high: Floats) -> 
 
 def followed(jacobian: Floats, error: Floats, weight: Floats) -> Floats:
     """An error once all parameters have followed, linearised, as rows of these weights ask for, shape (m,)."""
+    columns, slope, _ = _slope(jacobian, error, weight)
+    return np.asarray(error - columns @ slope)
+
+
+def followed_within(fitted: Fitted, error: Floats, weight: Floats) -> Floats:
+    """The same of the parameters of a fit, no further than their bounds.
+
+    Beyond them, friction below zero takes up much of what a wrong loop leaves, or a torque of another moment.
+    """
+    columns, slope, size = _slope(fitted.jacobian, error, weight)
+    lower, upper = (np.array([getattr(one, end) for one in fitted.free]) for end in ("lower", "upper"))
+    reach = fitted.scales / size  # by which a parameter falls as its slope rises by one
+    low, high = ((fitted.values - end) / reach for end in (upper, lower))
+    if np.any((slope < low) | (slope > high)):
+        weighted = columns * weight[:, None]
+        box = np.minimum(low, 0.0), np.maximum(high, 0.0)
+        slope = _lowest_in_box(weighted.T @ columns, -weighted.T @ error, *box)
+    return np.asarray(error - columns @ slope)
+
+
+def _slope(jacobian: Floats, error: Floats, weight: Floats) -> tuple[Floats, Floats, Floats]:
+    """Columns of size one, shape (m, k), how much of each an error holds, and their sizes, shape (k,) each."""
     root = np.sqrt(weight)
     size = np.maximum(np.linalg.norm(jacobian * root[:, None], axis=0), 1e-300)
     columns = jacobian / size
     slope = np.linalg.lstsq(columns * root[:, None], error * root, rcond=1e-8)[0]
-    return np.asarray(error - columns @ slope)
+    return columns, np.asarray(slope), size
 
 
 def covariance(fitted: Fitted, weight: Floats, correlated: float = CORRELATED) -> Floats:

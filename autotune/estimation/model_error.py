@@ -44,7 +44,7 @@ from autotune.estimation.controller_search import PIECE_SECONDS
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_counts, with_expected_noise
-from autotune.estimation.least_squares import Fitted, followed
+from autotune.estimation.least_squares import Fitted, followed, followed_within
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
     Correction,
@@ -131,7 +131,7 @@ class PlainFit:
         if not correction.stable:
             return math.inf, 0.0
         weight, jacobian = problem.training, self.fitted.jacobian
-        left = followed(jacobian, self.fitted.error - correction.bias, weight)
+        left = followed_within(self.fitted, self.fitted.error - correction.bias, weight)
         later = followed(jacobian, half_a_sample_later(problem.data), weight)
         moved = -float((weight * later) @ left) / max(float((weight * later) @ later), 1e-300)
         half = 0.5 * problem.data.period
@@ -286,7 +286,7 @@ def _least_left(
     plain: dict[tuple[object, ...], PlainFit] = {}
     best = _Least(laws[0], disturbance or STILL)
     for law in reversed(laws):
-        own = law if law.asked > 0.0 or law.stepped else None
+        own = law if law.asked > 0.0 or law.stepped or law.held else None
         key = law.in_band, law.taken, law.sensed, law.demanded, own
         if key not in plain:
             plain[key] = fitted(law)
@@ -296,14 +296,26 @@ def _least_left(
         before = math.inf
         for one in _faster(law, 1 if every or math.isinf(best.left) else best.law.ticks, period):
             left, later = here.left_by(one, disturbance)
-            # of another torque, with another noise; and what explains every row needs no more than chance beside it
-            left *= AS_MUCH if one.demanded else CLEARLY_LESS if one.exact else 1.0
+            left *= _handicap(one)
             if left < best.left:
                 best = _Least(one, disturbance, left, later)
             if left > min(before, FAR * best.left):
                 break
             before = left
     return replace(best, disturbance=disturbance or STILL)
+
+
+def _handicap(law: PositionController) -> float:
+    """Times what the twin of a law leaves, beside those of others.
+
+    One of another torque has another noise; what explains every row needs no more than chance beside it. Most drives
+    interpolate: one that does not must leave clearly less, and not by chance.
+    """
+    if law.demanded:
+        return AS_MUCH
+    if law.held:
+        return 1.0 / CLEARLY_LESS
+    return CLEARLY_LESS if law.exact else 1.0
 
 
 def told_beside(problem: Problem, fitted: Fitted) -> Problem:

@@ -24,7 +24,7 @@ from autotune.models.layout import STIFFNESS
 from autotune.models.plant import FASTEST, seen_late, simulate, simulate_in_lanes, substeps_for
 from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, STAGES, STEEPNESS, TIME_CONSTANT
 from autotune.models.torque_saturation import bent, saturated
-from autotune.signals.between_samples import bend_between, between_moments, delayed, finer, later
+from autotune.signals.between_samples import bend_between, between_moments, delayed, later
 
 START_SECONDS = 0.02
 LEADING = 6.0
@@ -326,11 +326,12 @@ def _at_samples(recorded: Recorded, controller: PositionController) -> Loop:
 def _between_samples(recorded: Recorded, controller: PositionController) -> Loop:
     """The loop of a drive that works between the samples; its torque answers as late as it acts on the axis."""
     ticks, eve = controller.ticks, controller.taken == EVE
-    averaged = not eve and (controller.taken != MOMENT or controller.answer_delay > 0.0)
+    at_once = controller.taken == MOMENT and controller.answer_delay == 0.0
+    averaged = controller.read_off or not (eve or at_once)
     controller = controller.answering(recorded.late)
     share = 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
     reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
-    fine = finer(reference, ticks, controller.cubic)
+    fine = controller.between(reference)
     pushed = controller.feedforward_between(reference, fine, recorded.period, recorded.late)
     pushed = pushed + np.repeat(recorded.feedforward, ticks)
     rate = controller.reference_rate * (fine[ticks] - fine[0]) / recorded.period - float(recorded.velocity[0])
@@ -341,7 +342,7 @@ def _between_samples(recorded: Recorded, controller: PositionController) -> Loop
     gains = replace(controller, derivative_filter=share).gains
     fine = later(fine, controller.ticks_late)
     memory = total, rate, float(fine[0]), float(recorded.measured[0])
-    shown = held_after_read(recorded, controller, reference) if eve else None
+    shown = held_after_read(recorded, controller, reference) if eve and not averaged else None
     return Loop(ticks, gains, fine, pushed, memory, averaged, shown)
 
 

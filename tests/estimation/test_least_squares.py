@@ -10,7 +10,17 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from autotune.core.arrays import Floats
-from autotune.estimation.least_squares import Free, Steps, _lowest_in_box, _Place, _Problem, done_together
+from autotune.estimation.least_squares import (
+    Fitted,
+    Free,
+    Steps,
+    _lowest_in_box,
+    _Place,
+    _Problem,
+    done_together,
+    followed,
+    followed_within,
+)
 from autotune.models.drive_model import Packed
 
 SPEEDS = np.linspace(0.02, 4.0, 400)
@@ -72,3 +82,23 @@ def test_a_step_that_is_hardly_lower_than_its_start_is_compared_with_shorter_one
     assert found is not None
     assert found.cost < 0.5 * here.cost
     assert damping > 1e-4  # the first of them is lower than its start, by a tenth
+
+
+@pytest.mark.parametrize("lower", [-np.inf, 0.0])
+def test_parameters_follow_an_error_no_further_than_their_bounds(lower: float) -> None:
+    """Friction below zero would take up what speed leaves; where it must not, inertia takes what it can beside it."""
+    random = np.random.default_rng(5)
+    jacobian = random.normal(size=(400, 2)) @ np.array([[1.0, 0.3], [0.0, 1.0]])
+    free = (Free("inertia", 0, 0.0, np.inf, 1.0), Free("viscous", 1, lower, np.inf, 1.0))
+    scales, values, weight = np.array([2.0, 0.5]), np.array([1.0, 0.2]), np.ones(400)
+    error = jacobian @ np.array([0.4, 3.0])  # viscous friction would follow to 0.2 − 3·0.5
+    fitted = Fitted(Packed(values, np.zeros(1, dtype=np.bool_)), free, error, jacobian, scales, 1.0)
+    left = followed_within(fitted, error, weight)
+    if np.isinf(lower):
+        np.testing.assert_array_equal(left, followed(jacobian, error, weight))
+        assert np.std(left) < 1e-9
+        return
+    bounds = [-np.inf, -np.inf], [values[0] / scales[0], values[1] / scales[1]]
+    expected = error - jacobian @ lsq_linear(jacobian, error, bounds).x
+    np.testing.assert_allclose(left, expected, atol=1e-6)
+    assert np.std(left) > 1.0

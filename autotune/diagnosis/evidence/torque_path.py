@@ -25,7 +25,7 @@ from autotune.estimation.alignment import (
     shifted,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.controller import RECORDED_LATE, as_recorded, as_wanted
+from autotune.estimation.controller import as_recorded, as_wanted, recorded_late_by
 from autotune.estimation.controller_law import NEXT
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.least_squares import CORRELATED, Fitted, followed, standard_errors
@@ -313,7 +313,7 @@ def _ways_of_recording(problem: Problem) -> list[tuple[Problem, float]]:
         columns = replace(
             as_recorded(told.data, other), clocked=data.clocked, certainty=data.certainty, load_in_twin=True
         )
-        later = 0.5 * data.period * (RECORDED_LATE[one.taken] - RECORDED_LATE[law.taken])
+        later = 0.5 * data.period * (recorded_late_by(one) - recorded_late_by(law))
         ways.append((_with(replace(prompt, controller=other), columns), late + later))
     return ways
 

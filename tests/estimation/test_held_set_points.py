@@ -1,0 +1,104 @@
+"""Drives that take their set points as they come, and stay at each until the next."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from autotune.core.arrays import Floats
+from autotune.estimation.controller import as_recorded, asked, recorded_late_by
+from autotune.estimation.controller_between import holding, laws_between
+from autotune.estimation.controller_law import LoopSamples, PositionController
+from autotune.estimation.data import Prepared, prepare
+from autotune.estimation.disturbance import STILL
+from autotune.estimation.model_error import told_by_twin
+from autotune.estimation.twin_runs import run_twin
+from autotune.models.drive_model import base_model
+from autotune.recordings.recording import Metadata, Recording
+from tests.estimation.simulated import AXIS, RESOLUTION, followed
+
+ROW, TICKS, RATE = 2e-3, 8, 1500.0
+CASCADE = PositionController(6.0, 0.06, 100.0, 1.0 - float(np.exp(-RATE * ROW / TICKS)), reference_rate=0.0)
+"""On ticks of 250 us: it feeds no rate forward, so that the set points' steps reach the torque by kp alone."""
+
+
+def of_a_drive(taken: str, held: bool = True) -> tuple[Prepared, LoopSamples, Floats]:
+    """What such a drive makes of a multisine, its torque read as `taken`; and the mean that acted in each row."""
+    time = np.arange(round(8.0 / ROW)) * ROW
+    tones = [np.sin(2.0 * np.pi * f * time + f) / f for f in (0.5, 1.1, 2.3, 4.9, 9.7)]
+    wanted = 2.0 * np.sum(tones, axis=0) * np.minimum(time / 0.5, 1.0) ** 2
+    ticks = np.arange(len(wanted) * TICKS) / TICKS
+    fine = np.repeat(wanted, TICKS) if held else np.interp(ticks, np.arange(len(wanted)), wanted)
+    shaken = np.random.default_rng(4).normal(0.0, 1e-4, len(fine))
+    axis = followed(fine, shaken, CASCADE, base_model(AXIS), None, ROW / TICKS)
+    table = axis["torque"].reshape(-1, TICKS)
+    read = {"moment": table[:, 0], "eve": np.roll(table[:, -1], 1), "next": table.mean(axis=1)}[taken]
+    columns = {
+        "time": time,
+        "reference": wanted,
+        "position": axis["position"][::TICKS].copy(),
+        "torque": read.copy(),
+    }
+    metadata = Metadata(sample_period=ROW, position_resolution=RESOLUTION)
+    data = prepare([Recording.from_columns(columns, metadata, "motion")])
+    rows, free = tuple(one.rows for one in data.stretches), np.zeros(len(read), dtype=np.bool_)
+    return (
+        data,
+        LoopSamples(ROW, data.reference, data.measured, data.torque, free, rows, None),
+        table.mean(axis=1),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("taken", ["moment", "eve", "next"])
+def test_a_drive_that_holds_its_set_points_is_among_its_laws_and_acts_as_it_did(taken: str) -> None:
+    data, samples, acted = of_a_drive(taken)
+    plain = laws_between(samples, PositionController(explained=0.5))[0]
+    law = next(one for one in holding(samples, plain) if one.taken == taken)
+    assert (law.held, law.reference_delay) == (True, 0)
+    assert "stays at each" in law.why
+    assert (law.kp, law.kd, law.ki) == pytest.approx((CASCADE.kp, CASCADE.kd, CASCADE.ki), rel=0.03)
+    # what was read is not what acts: behind each step the loop works off what it asks for
+    rows = slice(200, -50)
+    compared = as_recorded(data, law).torque
+    off = np.std((compared - acted)[rows])
+    assert off < 0.1 * np.std(acted[rows])
+    if taken != "next":
+        assert off < 0.2 * np.std((data.torque - acted)[rows])
+        assert recorded_late_by(law) == 0.0
+    means = (asked(data, law) - acted)[rows]
+    assert np.std(means - means.mean()) < 0.1 * np.std(acted[rows])
+
+
+@pytest.mark.slow
+def test_the_twin_of_a_drive_that_holds_its_set_points_is_not_half_a_row_ahead() -> None:
+    data, samples, acted = of_a_drive("moment")
+    plain = laws_between(samples, PositionController(explained=0.5))[0]
+    held = next(one for one in holding(samples, plain) if one.taken == "moment")
+    model, off = base_model(AXIS).pack(), []
+    for law in (held, replace(held, held=False)):
+        run = run_twin(as_recorded(data, law), model, law, STILL, np.random.default_rng(1))
+        assert run.stable
+        off.append(float(np.std((run.position - data.measured)[200:])))
+    assert off[0] < 0.2 * off[1]
+    run = run_twin(as_recorded(data, held), model, held, STILL, np.random.default_rng(1))
+    assert np.std((run.torque - acted)[200:-50]) < 0.2 * np.std((data.torque - acted)[200:-50])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", [True, False], ids=["held", "on lines"])
+def test_whether_set_points_are_held_is_told_by_the_twin(held: bool) -> None:
+    """A torque that is read at its row's moment is the same either way; the axis is not."""
+    data, samples, _ = of_a_drive("moment", held)
+    plain = laws_between(samples, PositionController(explained=0.5))
+    laws = (*plain, *holding(samples, plain[0]))
+    assert {one.held for one in laws} == {True, False}
+    assert told_by_twin(data, laws, base_model(AXIS).pack())[0].held == held
+
+
+@pytest.mark.slow
+def test_a_line_is_not_taken_for_steps_that_are_half_a_row_early() -> None:
+    """Means of a row on lines: steps that feed half a row of their rate back explain them as well."""
+    _, samples, _ = of_a_drive("next", held=False)
+    plain = laws_between(samples, PositionController(explained=0.5))[0]
+    assert all(one.taken != "next" for one in holding(samples, plain))
