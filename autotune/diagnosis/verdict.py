@@ -29,7 +29,7 @@ from autotune.diagnosis.evidence.time_driven import (
 )
 from autotune.diagnosis.evidence.torque_path import LATE_RECORD, recorded_late
 from autotune.diagnosis.facts import Facts, gathered
-from autotune.diagnosis.search import Found, search
+from autotune.diagnosis.search import LAG, Found, search
 from autotune.diagnosis.wording import (
     ALL_CONTACT,
     AMBIGUOUS,
@@ -169,9 +169,16 @@ def _may_be_another_row(searched: Searched) -> bool:
 
 
 def _likelier(verdict: Diagnosis, one: Searched, other: Searched, progress: Progress) -> Diagnosis:
-    """The verdict on the other search where it names what is missing and leaves clearly less; else as it was."""
-    if (LATE_RECORD in one[2]) == (LATE_RECORD in other[2]):
-        return verdict  # no loop runs there
+    """The verdict on the other search where it names what is missing and leaves clearly less; else as it was.
+
+    Beside a torque that is taken as recorded a sample late, a lag of its loop undoes just that: it says that the row
+    was right before.
+    """
+    told, late = (LATE_RECORD in notes for _, _, notes in (one, other))
+    chosen = other[0].chosen
+    lags = late and chosen is not None and LAG in chosen.model_fit.effects
+    if told == late or lags:  # no loop runs in the other row
+        return verdict
     left = [
         error_left(found.problem, found.root if found.chosen is None else found.chosen.model_fit)
         for found in (one[0], other[0])

@@ -53,6 +53,7 @@ NOTHING = {
     "relaxed": None,
     "loud": False,
 }
+SPRUNG = "elastic_transmission"
 CRANK = OtherProportion("encoder_eccentricity", 0.46, 0.02)
 FOUND = {"chosen": object(), "accepted": True}
 
@@ -751,22 +752,30 @@ def test_a_spring_that_is_likelier_than_a_weight_over_a_part_of_a_turn_comes_fir
 
 
 @pytest.mark.parametrize(
-    ("told", "left", "notes", "taken"),
+    ("told", "left", "notes", "names", "taken"),
     [
-        ("named", 0.5, ((LATE_RECORD,), ()), True),
-        ("named", 0.5, ((), (LATE_RECORD,)), True),
-        ("named", 0.9, ((LATE_RECORD,), ()), False),  # no clearly better loop
-        ("unknown", 0.5, ((LATE_RECORD,), ()), False),  # nothing is won
-        ("named", 0.5, ((), ()), False),  # in the other row no loop ran: the same search again
+        ("named", 0.5, ((LATE_RECORD,), ()), (SPRUNG,), True),
+        ("named", 0.5, ((), (LATE_RECORD,)), (SPRUNG,), True),
+        ("named", 0.9, ((LATE_RECORD,), ()), (SPRUNG,), False),  # no clearly better loop
+        ("unknown", 0.5, ((LATE_RECORD,), ()), (SPRUNG,), False),  # nothing is won
+        ("named", 0.5, ((), ()), (SPRUNG,), False),  # in the other row no loop ran: the same search again
+        ("named", 0.5, ((), (LATE_RECORD,)), ("torque_lag", SPRUNG), False),  # the lag undoes the other row
+        ("named", 0.5, ((LATE_RECORD,), ()), ("torque_lag", SPRUNG), True),  # a loop that is late, and a lag
     ],
 )
 def test_the_row_of_a_torque_is_told_anew_where_only_the_other_one_names_what_is_missing(
-    monkeypatch, told: str, left: float, notes: tuple[tuple[str, ...], ...], taken: bool
+    monkeypatch,
+    told: str,
+    left: float,
+    notes: tuple[tuple[str, ...], ...],
+    names: tuple[str, ...],
+    taken: bool,
 ) -> None:
     def searched(error: float, said: tuple[str, ...]) -> tuple[object, None, tuple[str, ...]]:
         problem = SimpleNamespace(policy=POLICY, has=lambda _: False, mean_square=lambda e, _: e)
-        root = SimpleNamespace(fitted=SimpleNamespace(error=error))
-        return SimpleNamespace(problem=problem, root=root, chosen=None), None, said
+        fit = SimpleNamespace(fitted=SimpleNamespace(error=error), effects=names)
+        found = SimpleNamespace(problem=problem, root=fit, chosen=SimpleNamespace(model_fit=fit))
+        return found, None, said
 
     first, other = SimpleNamespace(verdict="unknown"), SimpleNamespace(verdict=told)
     monkeypatch.setattr(verdict, "_together", lambda *_: other)
