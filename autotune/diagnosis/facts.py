@@ -260,10 +260,9 @@ class Facts:
         chosen, shares = self.chosen, {item.effect: item.share for item in self.tried}
         if chosen is None or self.accepted or self.law_differs or not self.freed:
             return ()
-        alike = self._unbeaten
-        known = self.problem.has_veto and self.evidence.accepts(self.problem.policy, chosen)
-        if not known or self._needless_gap or self._doubted:
+        if not self._explained or self._needless_gap or self._doubted:
             return ()
+        alike = self._unbeaten
         return alike if all(shares.get(one, 0.0) >= self.problem.policy.named for one in alike) else ()
 
     def _any_course(self, rival: FittedCandidate | None) -> bool:
@@ -378,7 +377,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     if chosen is not None:
         lead = max(lead, gain_and_z(root.unseen, chosen.model_fit.unseen)[0])
     coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
-    final = chosen.model_fit if chosen is not None else root
+    final = found.model_fit
     line = time_driven_line(problem, final.fitted.error)
     several = chosen is not None and len(chosen.model_fit.effects) > 1
     fits = found.exchanged if several else found.tried

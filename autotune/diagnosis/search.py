@@ -115,6 +115,11 @@ class Found:
     unloaded: ModelFit | None = None
     delayed: bool = False
 
+    @property
+    def model_fit(self) -> ModelFit:
+        """The chosen model, or the root where nothing was found."""
+        return self.root if self.chosen is None else self.chosen.model_fit
+
 
 def search(
     problem: Problem,

@@ -175,14 +175,9 @@ def _likelier(verdict: Diagnosis, one: Searched, other: Searched, progress: Prog
     was right before.
     """
     told, late = (LATE_RECORD in notes for _, _, notes in (one, other))
-    chosen = other[0].chosen
-    lags = late and chosen is not None and LAG in chosen.model_fit.effects
-    if told == late or lags:  # no loop runs in the other row
+    if told == late or (late and LAG in other[0].model_fit.effects):  # no loop runs in the other row
         return verdict
-    left = [
-        error_left(found.problem, found.root if found.chosen is None else found.chosen.model_fit)
-        for found in (one[0], other[0])
-    ]
+    left = [error_left(found.problem, found.model_fit) for found in (one[0], other[0])]
     if left[1] >= one[0].problem.policy.clearly_less * left[0]:
         return verdict
     again = _together(other, progress)

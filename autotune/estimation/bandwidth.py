@@ -456,8 +456,12 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
         return without_rest(prepare(recordings, cutoff, 2.5 * cutoff, pace=pace))
     coarse = False
     if pace == 1.0:  # no twin makes the same counts, and what they look like an elastic transmission swallows
-        cutoff = min(below_counts(recording, cutoff)[0] for recording in recordings)
-        coarse = any(counts_over_motion(recording, cutoff) > COUNTED for recording in recordings)
+        own = [below_counts(recording, cutoff) for recording in recordings]
+        cutoff = min(lowered for lowered, _ in own)
+        coarse = any(
+            (counted if lowered == cutoff else counts_over_motion(recording, cutoff)) > COUNTED
+            for recording, (lowered, counted) in zip(recordings, own, strict=True)
+        )
     factor = needed(cutoff, recordings[0].period)
     fine = [upsampled(recording, factor) for recording in recordings]
     data = without_rest(prepare(fine, cutoff, 2.5 * cutoff, pace=pace))

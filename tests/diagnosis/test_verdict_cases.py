@@ -774,8 +774,7 @@ def test_the_row_of_a_torque_is_told_anew_where_only_the_other_one_names_what_is
     def searched(error: float, said: tuple[str, ...]) -> tuple[object, None, tuple[str, ...]]:
         problem = SimpleNamespace(policy=POLICY, has=lambda _: False, mean_square=lambda e, _: e)
         fit = SimpleNamespace(fitted=SimpleNamespace(error=error), effects=names)
-        found = SimpleNamespace(problem=problem, root=fit, chosen=SimpleNamespace(model_fit=fit))
-        return found, None, said
+        return SimpleNamespace(problem=problem, model_fit=fit), None, said
 
     first, other = SimpleNamespace(verdict="unknown"), SimpleNamespace(verdict=told)
     monkeypatch.setattr(verdict, "_together", lambda *_: other)
