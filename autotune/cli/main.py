@@ -22,6 +22,7 @@ from autotune.cli.output import complain
 from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.core.garbage import seldom_collected
 from autotune.core.memory import large_arrays_kept
+from autotune.core.side_by_side import use_free_cores
 from autotune.core.threads import one_thread
 
 NEWEST = "newest"
@@ -119,6 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         seldom_collected()
         if sys.argv[1:2] == ["model"]:  # fits and diagnoses; a server gives memory back
             large_arrays_kept()
+            use_free_cores()
     os.environ.setdefault(
         "PYTHONSAFEPATH", "1"
     )  # no process of ours takes a module from the working directory

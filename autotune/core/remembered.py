@@ -47,20 +47,22 @@ class Remembered(Generic[Answer]):
 
 
 class LastOf(Generic[Answer]):
-    """The last answers to questions about things themselves, whatever they hold; not for several threads."""
+    """The last answers to questions about things themselves, whatever they hold; found by one thread at a time."""
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._known: list[tuple[tuple[object, ...], Answer]] = []
+        self._lock = threading.RLock()
 
     def answer(self, about: tuple[object, ...], find: Callable[[], Answer]) -> Answer:
         """What is known of these things, or what is found now."""
-        for things, known in self._known:
-            if all(one is other for one, other in zip(things, about, strict=True)):
-                return known
-        found = find()
-        self._known = [*self._known, (about, found)][-self._most :]
-        return found
+        with self._lock:
+            for things, known in self._known:
+                if all(one is other for one, other in zip(things, about, strict=True)):
+                    return known
+            found = find()
+            self._known = [*self._known, (about, found)][-self._most :]
+            return found
 
 
 def mark_of(question: Hashable) -> str:

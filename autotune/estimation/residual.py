@@ -21,6 +21,7 @@ import numpy as np
 
 from autotune.core.arrays import Floats, Integers
 from autotune.core.remembered import LastOf
+from autotune.core.side_by_side import on_each
 from autotune.estimation.data import Prepared, filtered_motion
 from autotune.estimation.twin import started_torque
 from autotune.models import layout
@@ -261,13 +262,16 @@ def residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
 
 def residuals(data: Prepared, models: Sequence[Packed], moved: Motion) -> Floats:
     """R of each of several models, shape (k, m): the same numbers as `residual`, in less time."""
-    result = np.empty((len(models), len(data.grid)))
-    for chosen in _together(data, models):
+
+    def of(chosen: list[int]) -> Floats:
         if len(chosen) == 1:
-            result[chosen[0]] = residual(data, models[chosen[0]], moved)
-        else:
-            raw = _raw_in_lanes(data, [models[i] for i in chosen], [moved])
-            result[chosen] = _smoothed_in_lanes(data, raw)[: len(chosen)]
+            return residual(data, models[chosen[0]], moved)[None]
+        return _smoothed_in_lanes(data, _raw_in_lanes(data, [models[i] for i in chosen], [moved]))
+
+    result = np.empty((len(models), len(data.grid)))
+    passes = list(_together(data, models))
+    for chosen, found in zip(passes, on_each(of, passes), strict=True):
+        result[chosen] = found[: len(chosen)]
     return result
 
 
@@ -409,8 +413,8 @@ def residuals_of_each(
     What is known to have disturbed a motion, shape (n,), is taken out of its residual.
     """
     known = disturbances or [None] * len(models)
-    result: dict[int, Floats] = {}
-    for chosen in _together(data, models):
+
+    def of(chosen: list[int]) -> Floats:
         if len(chosen) == 1:
             raw = raw_residual(data, models[chosen[0]], moved[chosen[0]])[:, None]
         else:
@@ -418,6 +422,10 @@ def residuals_of_each(
         for lane, i in enumerate(chosen):
             if (acted := known[i]) is not None:
                 _take_out(raw[:, lane], acted)
-        smooth = smoothed(data, raw[:, 0])[None] if len(chosen) == 1 else _smoothed_in_lanes(data, raw)
+        return smoothed(data, raw[:, 0])[None] if len(chosen) == 1 else _smoothed_in_lanes(data, raw)
+
+    result: dict[int, Floats] = {}
+    passes = list(_together(data, models))
+    for chosen, smooth in zip(passes, on_each(of, passes), strict=True):
         result |= dict(zip(chosen, smooth, strict=False))
     return [result[i] for i in range(len(models))]

@@ -14,6 +14,7 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.remembered import LastOf
+from autotune.core.side_by_side import on_each
 from autotune.estimation.alignment import followed_late
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch
@@ -222,8 +223,12 @@ def _each_pass(
 ) -> Iterator[tuple[list[int], list[Simulated]]]:
     """Places of the models that go together, and their runs, pass by pass."""
     steps = [steps_of_twin(packed, data.period, controller) for packed in models]
-    for chosen in _passes([packed.on.tobytes() for packed in models], steps):
-        yield chosen, _runs_in_lanes(data, [(models[i], noise[i]) for i in chosen], controller, loops)
+    passes = list(_passes([packed.on.tobytes() for packed in models], steps))
+
+    def runs(chosen: list[int]) -> list[Simulated]:
+        return _runs_in_lanes(data, [(models[i], noise[i]) for i in chosen], controller, loops)
+
+    yield from zip(passes, on_each(runs, passes), strict=True)
 
 
 def _passes(effects: Sequence[Hashable], steps: Sequence[tuple[int, int]]) -> Iterator[list[int]]:

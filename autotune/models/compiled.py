@@ -18,7 +18,7 @@ from numba import njit
 from autotune.core.kernel_cache import digest, kept
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "forceinline": True}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "forceinline": True, "nogil": True}
 
 
 def compiled(function: Kernel) -> Kernel:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import autotune.core.side_by_side as side_by_side
 import autotune.estimation.residual as module
 from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import controller_of
@@ -173,6 +174,22 @@ def test_twins_of_several_models_at_once_are_those_of_each() -> None:
         assert one.stable is found.stable
         np.testing.assert_allclose(found.bias, one.bias, rtol=0.0, atol=1e-9)
         np.testing.assert_array_equal(problem.raw(packed), alone.raw(packed))
+
+
+def test_passes_on_several_cores_leave_what_they_leave_one_after_the_other(monkeypatch) -> None:
+    """To the last bit, residuals and biases: no verdict depends on the machine."""
+    recording = recorded(TRUE, OF_TRUE, seconds=2.0)
+    data, law = prepare([recording]), controller_of(recording)
+    assert law is not None
+    problem = replace(new_problem(data, law), disturbance=Disturbance(white=2e-3))
+    models, found = _several(), []
+    assert len({packed.on.tobytes() for packed in models}) > 2
+    for cores in (1, 3):
+        monkeypatch.setattr(side_by_side, "_cores", cores)
+        biases = [one.bias for one in replace(problem, runs=KnownRuns()).corrections(models, 3)]
+        found.append((residuals(data, models, measured_motion(data)), biases))
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    np.testing.assert_array_equal(found[0][1], found[1][1])
 
 
 @pytest.mark.parametrize("effect", [None, LAG, SATURATION, ELASTIC])
