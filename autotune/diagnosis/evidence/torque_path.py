@@ -329,15 +329,30 @@ def recorded_late(problem: Problem) -> Problem | None:
 
 
 def is_recorded_late(problem: Problem, prompt: Fitted, late: Problem, fitted: Fitted) -> bool:
-    """Whether a torque was recorded a sample late: of one model, fitted without that and with it, the latter leaves
-    clearly less, and no more than a prompt current loop is late of it then, which would make up for a record that was
-    not."""
-    if late.data.cycles > 0 or late.data.lag >= CURRENT_LOOP:
+    """Whether a torque was recorded a sample late, of one model that was fitted without that and with it.
+
+    From a reading to the torque that answers it a loop takes as long as the law sees all late, and the torque acts
+    after its row. A record that is late by a row has a law as late, and acts a row before its own: the loop is prompt.
+    So where the torque acts at its row, also once it was moved away from there, the record is not late; where it acts
+    a row sooner already as it was told, it is late, unless the twin leaves clearly less of a loop that is. Where each
+    stays where it was begun, as behind an exact law, the twin must leave clearly less with a late record, and no more
+    than a prompt current loop is late of it then, which would make up for one that was not.
+    """
+    if late.data.cycles > 0 or late.data.lag >= CURRENT_LOOP or not _acts_a_row_sooner(late):
         return False
-    return all(
-        one.mean_square(fitted.error, TRAINING) <= CLEARLY_LESS * one.mean_square(prompt.error, TRAINING)
-        for one in (problem, late)
-    )
+
+    def clearly_less(one: Fitted, other: Fitted) -> bool:
+        return all(
+            way.mean_square(one.error, TRAINING) <= CLEARLY_LESS * way.mean_square(other.error, TRAINING)
+            for way in (problem, late)
+        )
+
+    return not clearly_less(prompt, fitted) if _acts_a_row_sooner(problem) else clearly_less(fitted, prompt)
+
+
+def _acts_a_row_sooner(problem: Problem) -> bool:
+    """Whether the torque acts nearer to the row before its own than to it, by how it moves the axis."""
+    return problem.data.late <= -0.5 * problem.data.upsampling
 
 
 def _behind_lag(
