@@ -333,21 +333,19 @@ def is_recorded_late(problem: Problem, prompt: Fitted, late: Problem, fitted: Fi
 
     From a reading to the torque that answers it a loop takes as long as the law sees all late, and the torque acts
     after its row. A record that is late by a row has a law as late, and acts a row before its own: the loop is prompt.
-    So where the torque acts at its row, also once it was moved away from there, the record is not late; where it acts
-    a row sooner already as it was told, it is late, unless the twin leaves clearly less of a loop that is. Where each
-    stays where it was begun, as behind an exact law, the twin must leave clearly less with a late record, and no more
-    than a prompt current loop is late of it then, which would make up for one that was not.
+    So where the torque acts at its row, also once it was moved away from there, the record is not late. Where it acts
+    a row sooner already as it was told, it is late: what a model lacks may leave less in either loop, and only a fit
+    that leaves half of what a late record does says the contrary. Where each stays where it was begun, as behind an exact law,
+    the twin must leave clearly less with a late record, and no more than a prompt current loop is late of it then,
+    which would make up for one that was not.
     """
     if late.data.cycles > 0 or late.data.lag >= CURRENT_LOOP or not _acts_a_row_sooner(late):
         return False
-
-    def clearly_less(one: Fitted, other: Fitted) -> bool:
-        return all(
-            way.mean_square(one.error, TRAINING) <= CLEARLY_LESS * way.mean_square(other.error, TRAINING)
-            for way in (problem, late)
-        )
-
-    return not clearly_less(prompt, fitted) if _acts_a_row_sooner(problem) else clearly_less(fitted, prompt)
+    least = 1.0 / problem.policy.partly if _acts_a_row_sooner(problem) else CLEARLY_LESS
+    return all(
+        one.mean_square(fitted.error, TRAINING) <= least * one.mean_square(prompt.error, TRAINING)
+        for one in (problem, late)
+    )
 
 
 def _acts_a_row_sooner(problem: Problem) -> bool:
