@@ -290,12 +290,13 @@ def _behind_chain(problem: Problem, model: DriveModel, packed: Packed) -> tuple[
 def _read_late(prompt: tuple[Problem, ModelFit], problem: Problem, model: DriveModel) -> Problem | None:
     """The problem with its torque recorded a sample late, and the chain taken out then; None where it was not.
 
-    An exact law that sees all a sample late explains its demand as well where the torque is read when the next one is
-    due: what the model leaves tells the two apart, each refitted behind its own chain. Of other laws a twin told that.
-    A contact that was fitted in the slower loop may be undamped, and a fit under its bias ends there.
+    A law of the samples that sees all a sample late explains its demand as well where the torque is read when the next
+    one is due: when the torque acts tells the two apart, or what the model leaves, each refitted behind its own chain.
+    Of laws between the samples a twin told that. A contact that was fitted in the slower loop may be undamped, and a
+    fit under its bias ends there.
     """
     law = problem.controller
-    sooner = recorded_late(problem) if law is not None and law.exact else None
+    sooner = recorded_late(problem) if law is not None and law.ticks == 1 else None
     if sooner is None:
         return None
     packed = model.pack()

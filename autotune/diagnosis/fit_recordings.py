@@ -234,11 +234,12 @@ def _behind_the_chain(
     effects: Sequence[str],
     progress: Progress,
 ) -> tuple[FitResult, Compared | None]:
-    """The fit and how its model compares, with the torque as late as it acts, where that leaves less.
+    """The fit and how its model compares, with the torque as late as it acts, where that leaves less or must be so.
 
     A fit of all motion together takes the torque as it was recorded: behind an ordinary current loop, or a reading
     that is late, viscosity, friction and damping make up for the delay. The search has it as a nuisance. It fits
-    nothing beside the model: where the first fit did, that stays.
+    nothing beside the model: where the first fit did, that stays. Of a record that is late the first fit was made in a
+    loop that is none of the axis's: what it leaves less is no merit.
     """
     compared = None if result.model is None else compared_or_none(recordings, result.model)
     if compared is None or result.method != "twin" or _beside(result):
@@ -249,7 +250,8 @@ def _behind_the_chain(
         return result, compared
     other = _by_search(whole, effects, (), progress)
     its = None if other.model is None else compared_or_none(recordings, other.model)
-    if its is None or not other.valid or its.error_rms > CLEARLY_LESS * compared.error_rms:
+    most = POLICY.partly**-0.5 if compared.late_record else CLEARLY_LESS
+    if its is None or not other.valid or its.error_rms > most * compared.error_rms:
         return result, compared
     return other, its
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis import baseline
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
-from autotune.diagnosis.evidence.torque_path import LATE_RECORD
+from autotune.diagnosis.evidence.torque_path import LATE_RECORD, is_recorded_late
 from autotune.diagnosis.fit_recordings import fit_recordings
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.controller import as_acted, as_recorded, by_sensor_compared, controller_of
@@ -175,6 +176,29 @@ def test_a_host_with_dead_time_has_no_late_record() -> None:
     compared = compare([_twice(law, PERIOD, late=0)], base_model(AXIS))
     assert compared.twin
     assert not compared.late_record
+
+
+@pytest.mark.parametrize(
+    ("prompt", "other", "less", "late"),
+    [
+        (0.0, 0.0, 0.5, False),  # moved away from the row it was given: the loop is as late as its law
+        (0.0, -1.0, 0.9, True),  # each stays where it was begun: the twin tells
+        (0.0, -1.0, 0.99, False),
+        (-0.9, -1.0, 1.05, True),  # it acts a row sooner: what a model lacks may leave less in the other loop
+        (-0.9, -1.0, 2.5, False),  # but no loop spoils a fit that is its own
+        (-0.9, -0.2, 0.5, False),
+    ],
+)
+def test_a_loop_is_as_late_as_its_law_sees_and_its_torque_acts(
+    short, prompt: float, other: float, less: float, late: bool
+) -> None:
+    problem = new_problem(prepared_to_fit([short]), LAW)
+    one, two = (replace(problem, data=replace(problem.data, late=rows)) for rows in (prompt, other))
+    left = np.ones(len(problem.data.grid))
+    fits = [SimpleNamespace(error=scale * left) for scale in (1.0, less**0.5)]
+    assert is_recorded_late(one, fits[0], two, fits[1]) is late
+    cycle_later = replace(two, data=replace(two.data, cycles=1))
+    assert not is_recorded_late(one, fits[0], cycle_later, fits[1])
 
 
 @pytest.mark.slow
