@@ -259,6 +259,11 @@ def _aligned_best(data: Prepared) -> tuple[float, float]:
     return (far, least) if least <= min(LARGE, CLEARLY * cost(0.0)) else (shift, left)
 
 
+def acts_after(data: Prepared) -> float:
+    """Samples of the file after its row at which the torque acts, by inertia and friction, wherever it was moved to."""
+    return -0.5 * _aligned_best(shifted(data, 0.0))[0] / data.upsampling
+
+
 def recorded_late(data: Prepared) -> float:
     """Seconds by which a single recording's torque comes after the motion that it causes; 0 where within a sample.
 

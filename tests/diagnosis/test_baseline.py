@@ -182,7 +182,7 @@ def test_a_host_with_dead_time_has_no_late_record() -> None:
     ("prompt", "other", "less", "late"),
     [
         (0.0, 0.0, 0.5, False),  # moved away from the row it was given: the loop is as late as its law
-        (0.0, -1.0, 0.9, True),  # each stays where it was begun: the twin tells
+        (0.0, -1.0, 0.9, True),  # each says what it was begun with: the twin tells
         (0.0, -1.0, 0.99, False),
         (-0.9, -1.0, 1.05, True),  # it acts a row sooner: what a model lacks may leave less in the other loop
         (-0.9, -1.0, 2.5, False),  # but no loop spoils a fit that is its own
@@ -197,6 +197,8 @@ def test_a_loop_is_as_late_as_its_law_sees_and_its_torque_acts(
     left = np.ones(len(problem.data.grid))
     fits = [SimpleNamespace(error=scale * left) for scale in (1.0, less**0.5)]
     assert is_recorded_late(one, fits[0], two, fits[1]) is late
+    exact = replace(one, controller=replace(LAW, exact=True))  # told by the motion: at its own row here
+    assert not is_recorded_late(exact, fits[0], two, fits[1])
     cycle_later = replace(two, data=replace(two.data, cycles=1))
     assert not is_recorded_late(one, fits[0], cycle_later, fits[1])
 

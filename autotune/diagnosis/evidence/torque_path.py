@@ -20,6 +20,7 @@ from autotune.estimation.alignment import (
     CURRENT_LOOP,
     a_row_sooner,
     acting_later,
+    acts_after,
     behind_current_loop,
     best_shift,
     shifted,
@@ -57,6 +58,8 @@ WORTH_ALIGNING = 0.998
 """Of the mean square: what must be left at most for a shift of torque against motion to count."""
 CLEARLY_LESS = 0.98
 """Of the mean square: what another delay must leave at most to be taken for it; what else a model lacks bends both."""
+HALF_A_ROW = 0.5
+"""Rows of a file by which a torque acts sooner than its own that acts nearer to the one before."""
 SURE = 2.0
 """Standard errors by which a lag must be longer than a current loop's to be more."""
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
@@ -335,13 +338,19 @@ def is_recorded_late(problem: Problem, prompt: Fitted, late: Problem, fitted: Fi
     after its row. A record that is late by a row has a law as late, and acts a row before its own: the loop is prompt.
     So where the torque acts at its row, also once it was moved away from there, the record is not late. Where it acts
     a row sooner already as it was told, it is late: what a model lacks may leave less in either loop, and only a fit
-    that leaves half of what a late record does says the contrary. Where each stays where it was begun, as behind an exact law,
-    the twin must leave clearly less with a late record, and no more than a prompt current loop is late of it then,
-    which would make up for one that was not.
+    that leaves half of what a late record does says the contrary. Behind an exact law it stays where it was begun, and
+    inertia and friction tell; as much says the contrary there. In any case no more than a prompt current loop is late
+    of a late record, which would make up for one that was not.
     """
-    if late.data.cycles > 0 or late.data.lag >= CURRENT_LOOP or not _acts_a_row_sooner(late):
+    if (
+        late.data.cycles > 0
+        or late.data.lag >= CURRENT_LOOP
+        or late.data.late > -HALF_A_ROW * late.data.upsampling
+    ):
         return False
-    least = 1.0 / problem.policy.partly if _acts_a_row_sooner(problem) else CLEARLY_LESS
+    law = problem.controller
+    here = problem.policy.partly if law is not None and law.exact else CLEARLY_LESS
+    least = 1.0 / problem.policy.partly if _acts_a_row_sooner(problem) else here
     return all(
         one.mean_square(fitted.error, TRAINING) <= least * one.mean_square(prompt.error, TRAINING)
         for one in (problem, late)
@@ -350,7 +359,9 @@ def is_recorded_late(problem: Problem, prompt: Fitted, late: Problem, fitted: Fi
 
 def _acts_a_row_sooner(problem: Problem) -> bool:
     """Whether the torque acts nearer to the row before its own than to it, by how it moves the axis."""
-    return problem.data.late <= -0.5 * problem.data.upsampling
+    data, law = problem.data, problem.controller
+    rows = acts_after(data) if law is not None and law.exact else data.late / data.upsampling
+    return rows <= -HALF_A_ROW
 
 
 def _behind_lag(
