@@ -1,7 +1,8 @@
 """Several cores for passes of kernels that know nothing of each other: the same results in less time.
 
 A kernel gives the interpreter free while it runs. Only a program that owns its process says that the machine's cores
-are its own; a library works on one, and so does what runs beside the loop of a drive.
+are its own; a library works on one, and so does what runs beside the loop of a drive. One core is left to others
+unless a number is asked for: a service may hold the loop of an axis on the same machine.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ _cores = 1
 
 
 def use_free_cores() -> None:
-    """Has passes of this process worked on beside each other, on the cores that it may use."""
+    """Has passes of this process worked on beside each other, on the cores that it may use but one."""
     global _cores
-    _cores = min(_asked() or _allowed(), _MOST)
+    _cores = min(_asked() or max(_allowed() - 1, 1), _MOST)
 
 
 def on_each(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:

@@ -15,7 +15,6 @@ from typing import Any, TextIO
 from autotune.core.errors import AutotuneError
 from autotune.core.garbage import seldom_collected
 from autotune.core.memory import large_arrays_kept
-from autotune.core.side_by_side import use_free_cores
 from autotune.core.text import clean
 from autotune.core.threads import one_thread
 
@@ -25,7 +24,6 @@ def main() -> None:
     one_thread()
     seldom_collected()
     large_arrays_kept()
-    use_free_cores()
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     for line in sys.stdin:

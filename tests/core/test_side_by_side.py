@@ -64,3 +64,10 @@ def test_only_a_number_of_cores_is_heard(cores: pytest.MonkeyPatch, asked: str, 
     cores.setattr(module, "_allowed", lambda: 64)
     _allow(cores, asked)
     assert module._cores == most
+
+
+@pytest.mark.parametrize(("allowed", "most"), [(1, 1), (2, 1), (4, 3), (64, 8)])
+def test_one_core_is_left_to_others(cores: pytest.MonkeyPatch, allowed: int, most: int) -> None:
+    cores.setattr(module, "_allowed", lambda: allowed)
+    _allow(cores, "")
+    assert module._cores == most
