@@ -10,9 +10,11 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future, ThreadPoolExecutor
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -38,7 +40,7 @@ def on_each(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[R
     if min(_cores, len(items)) < 2:
         yield from map(work, items)
         return
-    ahead = deque[Future[Result]]()
+    ahead: deque[Future[Result]] = deque()
     left = iter(items)
     try:
         for item in left:
@@ -54,6 +56,8 @@ def on_each(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[R
 
 @cache
 def _pool(cores: int) -> ThreadPoolExecutor:
+    from concurrent.futures import ThreadPoolExecutor  # a tenth of the start of a command that needs none
+
     return ThreadPoolExecutor(cores, thread_name_prefix="pass")
 
 
