@@ -189,6 +189,8 @@ def share_damping(p: Floats, on: Flags) -> None:
 
 STEPS = (0.5, 1.0, 2.0, 4.0, 9.0, 25.0, 80.0)
 """Of the bristle's reach: where the elements of a start slide."""
+SHORTEST_COUNTS = 3.0
+"""Of the encoder: a contact shorter than that was fitted to nothing, and its elements would be as short."""
 ONE_REACH, FOUR_FIFTHS, NINE_TENTHS, HALVINGS = 1.0 - math.exp(-1.0), 0.8, 0.9, 50
 CLIMBS, HUNDREDTH = 5.0, 0.01
 """Times its reach: so far on a bristle's exponential has come to within a hundredth of its level, as the laws of all
@@ -205,7 +207,7 @@ IN_USE = 0.05
 
 def starts(c: StartContext) -> Iterator[StartValues]:
     """Elements on a raster of displacements: what they carry enters linearly, from nothing where the bristle stays."""
-    reach = min(c.reach, 0.01 * c.travel)
+    reach = min(max(c.reach, SHORTEST_COUNTS * c.resolution), 0.01 * c.travel)
     for stiffer in (1.0, 3.0, 9.0):
         values: dict[str, float] = {}
         free: dict[str, Vary] = {}

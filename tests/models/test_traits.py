@@ -56,6 +56,15 @@ def test_a_fit_begins_at_values_that_the_effect_can_have(kind: Kind) -> None:
             assert max(parameter.lower, vary.lower) < min(parameter.upper, vary.upper)
 
 
+def test_elements_begin_no_shorter_than_the_encoder_sees() -> None:
+    """A contact that was fitted to nothing, as of rigid friction on coarse counts, would hide any memory."""
+    seen = context()
+    seen.__dict__.update(reach=1e-7, resolution=1e-3)
+    for start in EFFECTS["reversal_memory"].starts(seen):
+        ways = [value for name, value in start.values.items() if name.startswith("displacement")]
+        assert max(ways) > 20.0 * seen.resolution
+
+
 def test_no_start_is_far_larger_than_what_is_left() -> None:
     """On a quiet axis an effect that begins at a tenth of all friction drowns what it is to explain."""
     quiet = context(left=1e-4)
