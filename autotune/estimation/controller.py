@@ -209,6 +209,7 @@ def _some(law: PositionController | None) -> tuple[PositionController, ...]:
 
 def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
+    found = found.of_its_drive(data.period)
     quiet, late = _compared(data, found), recorded_late_by(found)
     if found.read_off and found.ticks > 1:
         taken = _as_mean(quiet, found)

@@ -79,6 +79,7 @@ class PositionController:
             forward of rate and acceleration is that of the set points, as where a planner gives them with their rates,
             and on straight lines between them; else it is that of the step to each, and held. `held`: its reference
             is no line, but stays at each set point until the next.
+        own_ticks: times that the drive's loop works, where that of its twin takes fewer, `ticks`; 0 where it does not.
         taken: how the torque of such a law was recorded, one of `TAKEN`.
         answer_delay: samples by which the torque of such a law answers late to all that it sees: what its loop takes to
             be computed, and a current loop to follow. `sensed`: it is the law of the torque by its own sensor.
@@ -114,6 +115,7 @@ class PositionController:
     smeared: float = 0.0
     exact: bool = False
     ticks: int = 1
+    own_ticks: int = 0
     cubic: bool = False
     smooth: bool = False
     held: bool = False
@@ -175,6 +177,22 @@ class PositionController:
     def filter_rate(self, period: float) -> float:
         """Rate of the velocity's filter [1/s]; the period in s. Without a filter one that a sample ends by far."""
         return -math.log(max(1.0 - self.derivative_filter, NO_FILTER)) / period
+
+    def on_fewer(self, ticks: int, period: float) -> PositionController:
+        """The same where a twin takes so many ticks for it, which its drive does not."""
+        return replace(self.on_ticks(ticks, period), own_ticks=self.own_ticks or self.ticks)
+
+    def of_its_drive(self, period: float) -> PositionController:
+        """The same on all ticks of its drive."""
+        return replace(self.on_ticks(self.own_ticks, period), own_ticks=0) if self.own_ticks else self
+
+    @property
+    def held_longer(self) -> float:
+        """Samples by which a torque of fewer ticks is later than the drive's own, as each is held until the next."""
+        if self.own_ticks == 0:
+            return 0.0
+        held = (max(0.5 / ticks - self.answer_delay, 0.0) for ticks in (self.ticks, self.own_ticks))
+        return next(held) - next(held)
 
     @property
     def ticks_late(self) -> float:

@@ -106,6 +106,8 @@ FAR = 1.5
 """Times what the best law's twin leaves: a law that leaves so much more is another at any rate of its loop."""
 TIMES = (1.0, 1.5, 2.0, 3.0)
 """Times a drive's loop may be faster than at `TICK`."""
+FEWEST, HARDLY = 0.5, 1.02
+"""The same of the fewest ticks that its twin may take, and times what it leaves with all: so few that leave no more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,7 +236,7 @@ def _told(
         return plain_fit(as_recorded(data, law), model, policy)
 
     told = _least_left(laws, fitted, data.period)
-    told = _or_asked(data, laws, told, fitted)
+    told = _on_few_ticks(_or_asked(data, laws, told, fitted), fitted, data.period)
     return told.law, told.disturbance
 
 
@@ -305,6 +307,24 @@ def _least_left(
     return replace(best, disturbance=disturbance or STILL)
 
 
+def _on_few_ticks(best: _Least, fitted: Callable[[PositionController], PlainFit], period: float) -> _Least:
+    """The law with the fewest ticks of a twin that leave as little, to `HARDLY`: every run takes as long as its ticks.
+
+    What a torque is later that is held for longer, the twin makes up for; so few ticks do as many, but where counts
+    are coarse, or a loop is quick.
+    """
+    law = best.law
+    for count in _counts((FEWEST, *TIMES), period):
+        if law.ticks == 1 or count >= law.ticks:
+            break
+        one = law.on_fewer(count, period)
+        left, later = fitted(one).left_by(one, best.disturbance)
+        left *= _handicap(one)
+        if left <= HARDLY * best.left:
+            return replace(best, law=one, left=left, later=later)
+    return best
+
+
 def _handicap(law: PositionController) -> float:
     """Times what the twin of a law leaves, beside those of others.
 
@@ -340,6 +360,7 @@ def told_beside(problem: Problem, fitted: Fitted) -> Problem:
 
     laws = [replace(one, adrift=law.adrift, asked=law.asked) for one in known.laws]
     best = _least_left(laws, beside, problem.data.period, problem.disturbance if problem.twin else None)
+    best = _on_few_ticks(best, beside, problem.data.period)
     if best.law == problem.controller or best.left > CLEARLY_LESS * fitted.cost:
         return problem
     its = beside(best.law).problem
@@ -374,8 +395,12 @@ def _faster(law: PositionController, least: int, period: float) -> list[Position
     """The law with a loop that is so many times as fast as the samples or faster, the slowest first."""
     if law.ticks == 1:
         return [law]
-    counts = sorted({max(2, round(times * period / TICK)) for times in TIMES})
-    return [law.on_ticks(count, period) for count in counts if count >= least]
+    return [law.on_ticks(count, period) for count in _counts(TIMES, period) if count >= least]
+
+
+def _counts(times: Sequence[float], period: float) -> list[int]:
+    """Ticks of a sample in loops so many times as fast as at `TICK`, the fewest first."""
+    return sorted({max(2, round(one * period / TICK)) for one in times})
 
 
 def plain_fit(data: Prepared, model: Packed, policy: Policy) -> PlainFit:

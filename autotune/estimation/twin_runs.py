@@ -76,7 +76,7 @@ def _compared(data: Prepared, law: PositionController, position: Floats, torque:
     """
     if data.asked is None:
         return _as_recorded(data, torque)
-    late = acted_late(data, law)
+    law, late = law.of_its_drive(data.period), acted_late(data, law)
     wanted = np.array(np.broadcast_to(moved_later(data, data.asked, late), torque.shape))
     rate = law.filter_rate(data.period)
     for rows in (stretch.rows for stretch in data.stretches):

@@ -617,6 +617,19 @@ def test_a_dead_time_of_a_part_of_a_row_is_asked_for_a_lag_in_the_twin(
     assert bare.effects == ("spring",)
 
 
+@pytest.mark.parametrize(("ticks", "known"), [(1, True), (2, False)])
+def test_a_dead_time_is_asked_for_behind_any_law_of_the_samples(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, ticks: int, known: bool
+) -> None:
+    """A host that works twice a row has no exact law in the rows, and a dead time as well."""
+    problem = replace(begun[0], data=shifted(begun[0].data, 0.0))
+    assert problem.controller is not None
+    problem = replace(problem, controller=replace(problem.controller, exact=False, ticks=ticks))
+    lags = _lagging(begun, 1.3e-3, ("spring", "torque_lag"))
+    monkeypatch.setattr(measured, "fit_inside_twin", _as_begun(lags))
+    assert (dead_time_in_place(problem, lags) is not None) == known
+
+
 def _as_begun(lags: ModelFit) -> Callable[..., ModelFit]:
     """A fit that stays where it is begun."""
 

@@ -86,8 +86,36 @@ def test_how_fast_a_drives_loop_is_shows_in_how_it_rests_between_two_counts() ->
 
 def test_which_loop_leaves_least_is_told_and_nothing_else_of_its_law() -> None:
     law, _ = told_by_twin(_driven(6, 3), [LAW], base_model(AXIS).pack())
-    assert law.ticks in (4, 6, 8)
-    assert law == LAW.on_ticks(law.ticks, PERIOD)  # with gains that ask for the same
+    own = law.of_its_drive(PERIOD)
+    assert own.ticks in (4, 6, 8)
+    assert own == LAW.on_ticks(own.ticks, PERIOD)  # with gains that ask for the same
+
+
+def test_a_twin_of_few_ticks_answers_as_soon_as_its_drive_of_many() -> None:
+    """Each torque is held longer; as much as that is late the law is sooner. Once the start is forgotten."""
+    data = replace(_driven(12, 1), resolution=0.0)
+    fast = LAW.on_ticks(12, PERIOD)
+    few, naive = fast.on_fewer(3, PERIOD), fast.on_ticks(3, PERIOD)
+    assert few.of_its_drive(PERIOD) == fast
+    random = np.random.default_rng(1)
+    runs = [run_twin(data, base_model(AXIS).pack(), law, STILL, random) for law in (fast, few, naive)]
+    follows, late = (np.std((run.position - runs[0].position)[500:]) for run in runs[1:])
+    assert follows < 0.25 * late
+
+
+def test_a_twin_takes_no_more_ticks_than_leave_as_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every run takes as long as its ticks; where fewer leave more the drive's own are kept."""
+    left = {2: 1.1, 4: 1.01, 6: 1.0, 8: 0.995, 12: 1.0}
+    monkeypatch.setattr(
+        PlainFit,
+        "left_by",
+        lambda _, law, __: (1.5 if law.own_ticks and law.kp > 27.0 else left[law.ticks], 0.0),
+    )
+    data, model = _driven(6, 7), base_model(AXIS).pack()
+    law, _ = told_by_twin(data, [LAW], model)
+    assert (law.ticks, law.own_ticks) == (4, 8)
+    law, _ = told_by_twin(data, [replace(LAW, kp=1.1 * LAW.kp)], model)
+    assert (law.ticks, law.own_ticks) == (8, 0)
 
 
 def test_a_question_that_was_asked_is_not_simulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -224,7 +252,8 @@ def test_what_is_found_tells_the_law_again(twin: bool) -> None:
     _, again = _asked_again(data, LATE if twin else None, None if twin else LATE)
     law = again.controller
     assert law is not None
-    assert law == LAW.on_ticks(law.ticks, PERIOD)
+    own = law.of_its_drive(PERIOD)
+    assert own == LAW.on_ticks(own.ticks, PERIOD)
     assert again.rough is None
     if twin:
         asked, told = _asked_again(data, law, None)

@@ -44,9 +44,9 @@ FINE_SHIFT = 2e-5
 """s, what a delay is found to."""
 CYCLES = (1, 2, 3)
 """Whole cycles by which a demand may act later than it is recorded: what a bus and a drive's input take."""
-CHAIN = (-0.5, 1.0)
-"""Samples by which a torque may be recorded late where it was not held from each sample to the next; half a sample
-early is room for a slower current loop than `BESIDE`."""
+CHAIN = (-1.0, 1.0)
+"""Samples by which a torque may be recorded late where it was not held from each sample to the next; and by which it
+may act later than it is recorded, as what is computed within a cycle and sent acts within the next."""
 FILTERED = 2e-3
 """s, by which a torque may be recorded later still, by the filter of its reading. No axis answers before it is asked:
 no effect has this sign."""
@@ -184,7 +184,7 @@ def dead_time_in_place(problem: Problem, lags: ModelFit, most: int = 1) -> tuple
     not all that is late.
     """
     data, law = problem.data, problem.controller
-    if law is None or not law.exact or law.part_late > 0.0 or not problem.twin:
+    if law is None or law.ticks > 1 or law.part_late > 0.0 or not problem.twin:
         return None
     longest = most * data.upsampling * data.period
     late = data.lag + float(lags.fitted.packed.p[TIME_CONSTANT])
@@ -312,7 +312,7 @@ def _ways_of_recording(problem: Problem) -> list[tuple[Problem, float]]:
             continue
         known.add(one.taken)
         other = replace(one, adrift=law.adrift, asked=law.asked)
-        other = other.on_ticks(max(one.ticks, law.ticks), data.period)
+        other = replace(other.on_ticks(max(one.ticks, law.ticks), data.period), own_ticks=law.own_ticks)
         columns = replace(
             as_recorded(told.data, other), clocked=data.clocked, certainty=data.certainty, load_in_twin=True
         )
@@ -520,7 +520,7 @@ def _without_cycles(problem: Problem, model_fit: ModelFit) -> Problem:
 
     What is later by less was moved, or is a lag; nothing is moved beside whole cycles.
     """
-    if model_fit.fitted.packed.on[IS_LATE] or not _loops_between(problem):
+    if model_fit.fitted.packed.on[IS_LATE] or problem.controller is None:
         return problem
     trials = [_late_by(problem, model_fit, count) for count in (0, *CYCLES)]
     return _ordinary(problem, model_fit, trials, trials[1:])
