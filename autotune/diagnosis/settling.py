@@ -234,7 +234,8 @@ def _recorded_otherwise(state: SearchState, best: FittedCandidate) -> FittedCand
 def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
     """The model with the course of its last effect free, where its own law leaves a part unexplained.
 
-    Others that came near it get the same chance: what is compared is each effect at its best.
+    Others that came near it get the same chance: what is compared is each effect at its best. Of two that leave as
+    little the one that can be named is taken.
     """
     best = state.shaped(chosen) or chosen
     if state.chosen is not None:
@@ -244,7 +245,8 @@ def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
         if shaped is None or state.evidence.only_at_rests(state.problem, state.root, shaped):
             continue
         state.tried = [shaped if one is item else one for one in state.tried]
-        if error_left(state.problem, shaped.model_fit) < error_left(state.problem, best.model_fit):
+        level = LEVEL_GROUND if shaped.named and not best.named else 1.0
+        if error_left(state.problem, shaped.model_fit) < level * error_left(state.problem, best.model_fit):
             best = shaped
     return best
 
