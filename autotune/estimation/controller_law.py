@@ -172,7 +172,8 @@ class PositionController:
         """The law whose torque answers so many samples later."""
         if late == 0:
             return self
-        return replace(self, answer_delay=late + max(self.answer_delay, 0.5 / self.ticks))
+        held = 0.5 / (self.own_ticks or self.ticks)
+        return replace(self, answer_delay=late + max(self.answer_delay, held))
 
     def filter_rate(self, period: float) -> float:
         """Rate of the velocity's filter [1/s]; the period in s. Without a filter one that a sample ends by far."""

@@ -433,6 +433,15 @@ def test_a_law_asks_for_the_same_on_more_ticks() -> None:
     assert off[0] < 0.1 * off[1]
 
 
+@pytest.mark.parametrize(("late", "answer"), [(1, 0.0), (2, 0.0), (1, 0.4)])
+def test_on_fewer_ticks_a_torque_is_as_many_cycles_late(late: int, answer: float) -> None:
+    """A torque that is held for a tick is half of one late; that is the drive's tick, however few its twin takes."""
+    law = replace(TRUE, ticks=12, answer_delay=answer)
+    few = law.on_fewer(4, PERIOD).answering(late)
+    assert few.ticks_late / 4 + 0.5 / 4 == pytest.approx(late + max(answer, 0.5 / 12))
+    assert few.held_longer == 0.0
+
+
 @pytest.mark.slow
 def test_a_torque_read_before_its_feedforward_steps_is_told_from_one_at_the_samples() -> None:
     """What is held is a set point old then, and the law at the samples has its set points a sample later."""
