@@ -172,28 +172,30 @@ class PositionController:
         """The law whose torque answers so many samples later."""
         if late == 0:
             return self
-        held = 0.5 / (self.own_ticks or self.ticks)
-        return replace(self, answer_delay=late + max(self.answer_delay, held))
+        return replace(self, answer_delay=late + max(self.answer_delay, 0.5 / self.drive_ticks))
 
     def filter_rate(self, period: float) -> float:
         """Rate of the velocity's filter [1/s]; the period in s. Without a filter one that a sample ends by far."""
         return -math.log(max(1.0 - self.derivative_filter, NO_FILTER)) / period
 
+    @property
+    def drive_ticks(self) -> int:
+        """Times that the drive's loop works from one sample to the next."""
+        return self.own_ticks or self.ticks
+
     def on_fewer(self, ticks: int, period: float) -> PositionController:
         """The same where a twin takes so many ticks for it, which its drive does not."""
-        return replace(self.on_ticks(ticks, period), own_ticks=self.own_ticks or self.ticks)
+        return replace(self.on_ticks(ticks, period), own_ticks=self.drive_ticks)
 
     def of_its_drive(self, period: float) -> PositionController:
         """The same on all ticks of its drive."""
-        return replace(self.on_ticks(self.own_ticks, period), own_ticks=0) if self.own_ticks else self
+        return replace(self.on_ticks(self.drive_ticks, period), own_ticks=0)
 
     @property
     def held_longer(self) -> float:
         """Samples by which a torque of fewer ticks is later than the drive's own, as each is held until the next."""
-        if self.own_ticks == 0:
-            return 0.0
-        held = (max(0.5 / ticks - self.answer_delay, 0.0) for ticks in (self.ticks, self.own_ticks))
-        return next(held) - next(held)
+        few, own = (max(0.5 / ticks - self.answer_delay, 0.0) for ticks in (self.ticks, self.drive_ticks))
+        return few - own
 
     @property
     def ticks_late(self) -> float:

@@ -314,11 +314,12 @@ def _on_few_ticks(best: _Least, fitted: Callable[[PositionController], PlainFit]
     are coarse, or a loop is quick.
     """
     law = best.law
-    for count in _counts((FEWEST, *TIMES), period):
-        if law.ticks == 1 or count >= law.ticks:
-            break
-        one = law.on_fewer(count, period)
-        left, later = fitted(one).left_by(one, best.disturbance)
+    counts = [count for count in _counts((FEWEST, *TIMES), period) if count < law.ticks]
+    if not counts:
+        return best
+    plain = fitted(law)  # of the drive's torque, whatever its twin takes
+    for one in (law.on_fewer(count, period) for count in counts):
+        left, later = plain.left_by(one, best.disturbance)
         left *= _handicap(one)
         if left <= HARDLY * best.left:
             return replace(best, law=one, left=left, later=later)

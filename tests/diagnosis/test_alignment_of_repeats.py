@@ -177,6 +177,20 @@ def test_whole_cycles_behind_a_drive_s_loop_are_no_lag(begun: Begun) -> None:
     assert (settled.data.cycles, settled.data.shift) == (1, -2.0)
 
 
+def test_whole_cycles_are_asked_for_behind_a_host_without_an_exact_law(begun: Begun) -> None:
+    """It works several times a recorded row: its law sees all a cycle later, as an exact one does."""
+    late = shifted(begun[0].data, 2.0)
+    asked = replace(late, torque=_demand(late, 2e-4), recorded_torque=late.torque)
+    problem, model_fit = _spoilt(begun, asked, exact=False)
+    again = measured._without_cycles(problem, model_fit)
+    assert (again.data.cycles, again.data.shift) == (1, -2.0)
+    assert again.data.lag == pytest.approx(2e-4, abs=1.5e-4)
+    assert problem.controller is not None
+    assert again.controller is not None
+    assert again.controller.position_delay == problem.controller.position_delay + 1
+    assert again.controller.reference_delay == problem.controller.reference_delay + 1
+
+
 @pytest.mark.parametrize(
     ("least", "lag", "taken"),
     [(("moment", 1), 2e-4, True), (("moment", 0), 1.3e-3, False), (("next", 1), 2e-4, False)],

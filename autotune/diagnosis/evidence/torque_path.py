@@ -516,7 +516,7 @@ def without_long_lag(problem: Problem, model_fit: ModelFit) -> Problem:
 
 
 def _without_cycles(problem: Problem, model_fit: ModelFit) -> Problem:
-    """The torque of a loop between the samples later than any moment of recording: whole cycles, as behind a bus.
+    """The torque of a law that is not exact, later than any moment of recording: whole cycles, as behind a bus.
 
     What is later by less was moved, or is a lag; nothing is moved beside whole cycles.
     """
