@@ -24,7 +24,7 @@ from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
 from autotune.diagnosis.wording import left_out_note, unexplained
-from autotune.estimation.alignment import without_twin
+from autotune.estimation.alignment import acts_after, shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
     as_rough,
@@ -82,6 +82,8 @@ AS_ASKED = (
     "Above {:.2g} Hz the torque is compared as the controller asks for it along the recorded motion: of that "
     "the model leaves less than of the recorded torque, which was read at a moment, or is noisier."
 )
+LATE_BY = 0.25
+"""Rows by which a torque must act late for a twin to be tried with that."""
 
 
 def begin(
@@ -176,6 +178,9 @@ def _fit_as_it_is(
             # a plain fit has what belongs to the place beside the model: its friction is no more than that
             fitted = LACKS_MOST
             free = [replace(one, upper=given) if one.slot == layout.COULOMB else one for one in free]
+    if isinstance(fitted, str) and problem.twin and (moved := _as_it_acts(problem)) is not None:
+        again = _first_fit(moved, packed, free)
+        fitted = fitted if isinstance(again, str) else again
     if isinstance(fitted, str) and problem.twin and law is not None:
         data, said = without_twin(as_recorded(known, replace(law, asked=0.0)))
         notes = (f"{NO_TWIN}a simulation of the model with this controller {fitted}.", *said)
@@ -187,6 +192,19 @@ def _fit_as_it_is(
             "same axis, or fit a new model: autotune model fit"
         )
     return *fitted, notes
+
+
+def _as_it_acts(problem: Problem) -> Problem | None:
+    """The problem with its torque as late as it acts along the motion; None where that is its row, or later than a
+    row, as no moment of recording is. An exact law tells itself when the torque acts.
+    """
+    data, law = problem.data, problem.controller
+    rows = acts_after(data)
+    if (law is not None and law.exact) or not (data.repeated and LATE_BY < rows <= 1.0):
+        return None
+    moved = shifted(data, -2.0 * rows * data.upsampling)
+    again = new_problem(moved, problem.controller, problem.policy)
+    return replace(again, simulations=problem.simulations, told=problem.told)
 
 
 def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | str:

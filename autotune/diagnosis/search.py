@@ -171,8 +171,9 @@ def _found(state: SearchState) -> Found:
     _drop_laws(state)
     _try_look_alikes(state)
     _try_motor(state)
+    exchanged = _in_place(state)
     seen = (state.problem, state.root, state.chosen, state.first, state.tried, state.generic)
-    found = Found(*seen, state.still_freed(), exchanged=_in_place(state), unloaded=state.unloaded)
+    found = Found(*seen, state.still_freed(), exchanged=exchanged, unloaded=state.unloaded)
     lagging = state.chosen is not None and LAG in state.chosen.model_fit.effects
     found = replace(found, delayed=lagging and state.delayed)
     found = _where_it_slides(state, _beside_own_presliding(state, found))
@@ -642,5 +643,25 @@ def _tidy(state: SearchState) -> None:
 
 
 def _in_place(state: SearchState) -> list[FittedCandidate]:
-    """What may stand for one of several effects."""
-    return [] if state.chosen is None else _backward(state).exchanged(state.chosen, state.later)
+    """What may stand for one of several effects, each at its best.
+
+    What the chosen ones explain of the error of another may be no more than its course: beside others it was judged by
+    its own law, while theirs are free. With a free course it is chosen where it leaves less, and what was chosen may
+    stand for it.
+    """
+    if state.chosen is None:
+        return []
+    chosen, again = state.chosen, []
+    for item in _backward(state).exchanged(chosen, state.later):
+        lost = set(chosen.model_fit.effects) - set(item.model_fit.effects)
+        if len(lost) == 1 and state.evidence.explains_rest_of(state.problem, chosen, item):
+            shaped = state.shaped(item)
+            if shaped is not None and shaped.named and _leaves_less(state, shaped, chosen):
+                chosen, item = shaped, replace(chosen, effect=lost.pop())
+        again.append(item)
+    state.chosen = chosen
+    return again
+
+
+def _leaves_less(state: SearchState, one: FittedCandidate, other: FittedCandidate) -> bool:
+    return error_left(state.problem, one.model_fit) < error_left(state.problem, other.model_fit)

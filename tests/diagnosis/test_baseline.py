@@ -230,3 +230,25 @@ def _twice(law: PositionController, period: float, late: int) -> Recording:
     both = {name: np.concatenate([one[name] for one in rounds]) for name in rounds[0]}
     both["time"] = np.arange(2 * rows) * period
     return Recording.from_columns(both, like.metadata, "motion", np.repeat([0, 1], rows))
+
+
+@pytest.mark.parametrize(
+    ("rows", "repeats", "late"), [(0.6, 2, 0.6), (0.1, 2, None), (3.0, 2, None), (0.6, 1, None)]
+)
+def test_a_twin_that_explains_nothing_is_tried_with_the_torque_as_late_as_it_acts(
+    short, rows: float, repeats: int, late: float | None
+) -> None:
+    """Later than a row is no moment of recording, and of a single recording nothing is moved before its fit."""
+    data = prepared_to_fit([short])
+    at = np.arange(len(data.torque), dtype=np.float64)
+    torque = np.concatenate(
+        [np.interp(at[s.rows] + rows, at[s.rows], data.torque[s.rows]) for s in data.stretches]
+    )
+    blocks = tuple(replace(block, repeats=repeats) for block in data.blocks)
+    data = replace(data, torque=torque, recorded_torque=torque, blocks=blocks)
+    found = baseline._as_it_acts(new_problem(data, LAW))
+    if late is None:
+        assert found is None
+    else:
+        assert found is not None
+        assert found.data.late == pytest.approx(late, abs=0.15)  # the bristle bends as a part of a row does

@@ -355,6 +355,41 @@ def test_rivals_of_the_first_effect_are_asked_again_beside_the_second(
 
 
 @pytest.mark.parametrize(
+    ("told_apart", "left", "named", "first"),
+    [
+        (True, 0.9, True, "stribeck"),
+        (True, 1.1, True, "dwell_time_break_away"),
+        (True, 0.9, False, "dwell_time_break_away"),
+        (False, 0.9, True, "dwell_time_break_away"),
+    ],
+    ids=["another course", "errs more", "no name", "a rival by its own law"],
+)
+def test_what_may_stand_for_one_of_several_has_a_course_as_free_as_theirs(
+    monkeypatch: pytest.MonkeyPatch, told_apart: bool, left: float, named: bool, first: str
+) -> None:
+    """Contacts that age left 1 % less than Stribeck friction of another course did by the law of the library."""
+
+    @dataclass(frozen=True)
+    class Item:
+        effect: str
+        model_fit: SimpleNamespace
+        named: bool = True
+
+    def item(effect: str, left: float, named: bool = True) -> Item:
+        return Item(effect, SimpleNamespace(effects=("nonlinear_viscous", effect), left=left), named)
+
+    state = _search(item("dwell_time_break_away", 1.0))
+    state.evidence = SimpleNamespace(explains_rest_of=lambda *_: told_apart)
+    rival = item("stribeck", 1.01)
+    monkeypatch.setattr(search, "error_left", lambda _, fit: fit.left)
+    monkeypatch.setattr(search, "_backward", lambda _: SimpleNamespace(exchanged=lambda *_: [rival]))
+    monkeypatch.setattr(SearchState, "shaped", lambda *_: item("stribeck", left, named))
+    again = search._in_place(state)
+    assert state.chosen.effect == first
+    assert [one.effect for one in again] == list({"stribeck", "dwell_time_break_away"} - {first})
+
+
+@pytest.mark.parametrize(
     ("shaken", "controlled", "late", "stands"),
     [
         (0.6, 1.0, 1.0, True),
