@@ -44,6 +44,32 @@ def segments(recording: Recording) -> dict[tuple[str, int], int]:
     return found
 
 
+@pytest.mark.parametrize(
+    "head", [HEAD.replace("phase,run", own) for own in ("experiment,repeat", "Experiment,Repeat")]
+)
+def test_a_recordings_own_names_are_taken_without_being_named(
+    tmp_path: Path, signals: dict[str, Floats], head: str
+) -> None:
+    """Runs that follow one another without a pause were one long segment, and nothing said so."""
+    brought = bring_in(write(tmp_path / "axis.csv", programme(signals), head), columns=COLUMNS)
+    assert segments(brought.recording) == {
+        ("sweep", 0): 500,
+        ("sweep", 1): 500,
+        ("veto", 0): 500,
+        ("axis", 0): 500,
+    }
+
+
+def test_a_repeat_that_counts_nothing_is_left_out(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    rows = [(*row[:2], number % 7, *row[3:]) for number, row in enumerate(programme(signals))]
+    brought = bring_in(
+        write(tmp_path / "axis.csv", rows, HEAD.replace("run", "repeat")),
+        columns=(*COLUMNS, "experiment=phase"),
+    )
+    assert segments(brought.recording) == {("sweep", 0): 1000, ("veto", 0): 500, ("axis", 0): 500}
+    assert any("repeat counts no repetitions" in line for line in brought.lines)
+
+
 def test_labels_name_the_experiments(tmp_path: Path, signals: dict[str, Floats]) -> None:
     path = write(tmp_path / "axis.csv", programme(signals))
     brought = bring_in(path, columns=(*COLUMNS, "experiment=phase", "repeat=run"))

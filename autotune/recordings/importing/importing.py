@@ -37,7 +37,16 @@ from autotune.recordings.importing.labels import (
     told,
 )
 from autotune.recordings.importing.leaps import Steps, judge_leaps, steps_of
-from autotune.recordings.importing.mapping import Choice, choose, motion_unit, said, value_doubt, written
+from autotune.recordings.importing.mapping import (
+    REPEAT,
+    Choice,
+    choose,
+    counts_repeats,
+    motion_unit,
+    said,
+    value_doubt,
+    written,
+)
 from autotune.recordings.importing.options import Options
 from autotune.recordings.importing.pieces import (
     continuous,
@@ -174,6 +183,11 @@ def _load(source: Source, choices: list[Choice], lines: list[str]) -> tuple[dict
     doubts: list[Doubt] = []
     for number, choice in enumerate(choices):
         values, loaded.columns[number] = loaded.columns[number], np.empty(0)
+        if choice.target == REPEAT and not choice.trusted and not counts_repeats(values):
+            lines.append(
+                f"{REPEAT} counts no repetitions and is left out: it is no whole number, or changes too often"
+            )
+            continue
         doubts += value_doubt(choice, values, source)
         if choice.target == "time":
             values = unwrap_clock(values, lines)
@@ -237,7 +251,7 @@ def _segments(
         label, repeat = _label(_name(file, stretch, options), number, stretch, seen, options)
         if abs(file.period / period - 1.0) > 1e-6:
             stretch = resampled(stretch, period)
-        columns = {name: values for name, values in stretch.columns.items() if name not in (TARGET, "repeat")}
+        columns = {name: values for name, values in stretch.columns.items() if name not in (TARGET, REPEAT)}
         missed = np.zeros(len(stretch), dtype=np.int64)
         missed[0] = stretch.missed
         parts.append(Recording.from_columns(columns, metadata, label, repeat, missed))
@@ -248,8 +262,8 @@ def _label(
     name: str, number: int, stretch: RegularPiece, seen: dict[str, list[RegularPiece]], options: Options
 ) -> tuple[str, int]:
     """Experiment and repeat: runs with the same reference are repetitions, other pieces are not."""
-    if "repeat" in stretch.columns:
-        return name, int(stretch.columns["repeat"][0])
+    if REPEAT in stretch.columns:
+        return name, int(stretch.columns[REPEAT][0])
     before = seen.setdefault(name, [])
     same = [i for i, other in enumerate(before) if _same_reference(other, stretch)]
     before.append(stretch)

@@ -1,6 +1,6 @@
 """A column that says which experiment each row belongs to: texts, or numbers that stay for a while.
 
-`--column experiment=FIELD` names it; a column with the recording's own name `experiment` is taken
+`--column experiment=FIELD` names it; a column with the recording's own name `experiment`, in whatever case, is taken
 without being named. The recording is cut where the label changes.
 """
 
@@ -41,8 +41,8 @@ def label_column(options: Options, source: Source) -> tuple[list[str], Column | 
                 "one of the two out"
             )
         return others, column
-    own = [column for column in source.texts if column.name == TARGET and options.experiment is None]
-    return others, own[0] if len(own) == 1 else None
+    own = [column for column in source.texts if column.name.strip().lower() == TARGET]
+    return others, own[0] if len(own) == 1 and options.experiment is None else None
 
 
 def load_labels(source: Source, column: Column) -> Labels:

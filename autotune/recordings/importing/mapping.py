@@ -10,6 +10,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError, a_few
 from autotune.recordings.importing.asking import Doubt
+from autotune.recordings.importing.clock import LEAST_ROWS
 from autotune.recordings.importing.factor import Assignment
 from autotune.recordings.importing.options import Wishes
 from autotune.recordings.importing.recognise import (
@@ -26,6 +27,7 @@ from autotune.recordings.recording import FLOAT_COLUMNS
 
 SECONDS_AT_MOST = 0.05
 """A clock without a unit is taken in seconds only if its step is below this."""
+REPEAT = "repeat"
 _NEEDED = ("time", "position", "torque")
 _LINEAR = frozenset({"length", "linear speed", "force"})
 _ROTARY = frozenset({"angle", "angular speed", "torque"})
@@ -59,6 +61,7 @@ def choose(
     for target in FLOAT_COLUMNS:
         if target not in assigned:
             found += _recognised(target, source, guesses, taken, wishes)
+    found += _own_repeats(source, rows, taken) if REPEAT not in assigned else []
     choices = [one for one in found if isinstance(one, Choice)]
     doubts = [one for one in found if isinstance(one, Doubt)]
     targets = {one.target for one in found}
@@ -161,8 +164,8 @@ def value_doubt(choice: Choice, values: Floats, source: Source) -> list[Doubt]:
 
 def _assigned(item: Assignment, source: Source, wishes: Wishes) -> Choice | Doubt:
     column = source.columns[item.index]
-    if item.target == "repeat":
-        return Choice("repeat", item.index, item.factor or 1.0, "--column", None, True)
+    if item.target == REPEAT:
+        return Choice(REPEAT, item.index, item.factor or 1.0, "--column", None, True)
     unit = unit_of(column, quantity_of(item.target))
     if item.factor is None:
         return _by_unit(item.target, item.index, source, Guess(item.target, unit, True), wishes)
@@ -176,6 +179,25 @@ def _assigned(item: Assignment, source: Source, wishes: Wishes) -> Choice | Doub
         )
         return Doubt(item.target, sentence, right)
     return Choice(item.target, item.index, item.factor, "--column", None, True)
+
+
+def _own_repeats(source: Source, rows: int | None, taken: set[int]) -> list[Choice]:
+    """The one column with the recording's own name for repetitions; what it holds is looked at when it is read."""
+    own = [
+        i
+        for i, column in enumerate(source.columns)
+        if i not in taken
+        and column.rows == rows
+        and column.name.strip().lower() == REPEAT
+        and not column.unit
+    ]
+    return [Choice(REPEAT, own[0], 1.0, "a recording's own name", None, False)] if len(own) == 1 else []
+
+
+def counts_repeats(values: Floats) -> bool:
+    """Whether a column, shape (n,), may count repetitions: whole numbers from 0 on that stay for a while."""
+    whole = bool(np.all((values == np.round(values)) & (values >= 0.0)))
+    return whole and int(np.count_nonzero(np.diff(values))) * LEAST_ROWS <= len(values)
 
 
 def _recognised(
