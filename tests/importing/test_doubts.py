@@ -229,6 +229,18 @@ def test_counts_are_recognised_by_their_values(tmp_path: Path, signals: dict[str
     np.testing.assert_allclose(recording["position"], axis_signals()["position"], atol=2 * np.pi / 8192)
 
 
+@pytest.mark.parametrize(("digits", "found"), [(6, True), (5, True), (4, False)])
+def test_counts_are_told_through_the_digits_of_a_file(tmp_path: Path, digits: int, found: bool) -> None:
+    """Five digits made the smallest step 0.4 % small, so that steps of fifteen counts lay on no grid of it; of four
+    digits a count has fourteen, and none is told.
+    """
+    signals, count = axis_signals(period=3e-3), 2.0 * np.pi / 4256.0
+    signals["position"] = np.round(np.round(signals["position"] / count) * count, digits)
+    del signals["velocity"]
+    told = bring_in(write_table(tmp_path / "t.csv", signals)).recording.metadata.position_resolution
+    assert (told == pytest.approx(count, rel=1e-4)) if found else (told is None)
+
+
 def test_counts_with_a_written_unit_use_the_resolution(tmp_path: Path, signals: dict[str, Floats]) -> None:
     count = 2 * np.pi / 8192
     signals["position"] = np.round(signals["position"] / count)

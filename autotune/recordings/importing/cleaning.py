@@ -21,6 +21,8 @@ _GRAIN_ROWS = 50_000
 _FINEST = 1e-7  # of the travel
 _OFF_GRID, _ON_GRID = 0.05, 0.99
 LEAST_STEPS = 50
+_COUNTS = (3.0, 30.0, 300.0, math.inf)
+"""How many counts a step has at most from which one is told, time after time."""
 
 
 def without_missing(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> dict[str, Floats]:
@@ -140,8 +142,9 @@ def unwrapped(values: Floats, length: float) -> Floats:
 def grain(position: Floats) -> float | None:
     """One count of the sensor, or of the digits in the file, where all steps are whole multiples of it.
 
-    Found as the smallest step, then from all steps together; None where positions lie on no grid, or on
-    one too fine to matter.
+    Found as the smallest step, then from those of a few counts, of more, and of all: what the file's digits take off
+    the smallest would be whole counts in the largest. None where positions lie on no grid, or on one too fine to
+    matter.
     """
     step = np.abs(np.diff(position[:_GRAIN_ROWS]))
     travel = float(np.ptp(position))
@@ -149,9 +152,11 @@ def grain(position: Floats) -> float | None:
     if len(step) < LEAST_STEPS:
         return None
     count = float(np.percentile(step, 1.0))
-    for _ in range(3):
+    for most in _COUNTS:
         whole = np.round(step / count)
-        if float(np.mean(np.abs(step / count - whole) < _OFF_GRID)) < _ON_GRID or whole.max() < 1.0:
+        near = (whole >= 1.0) & (whole <= most)
+        if not near.any():
             return None
-        count = float(step @ whole) / float(whole @ whole)
-    return count
+        count = float(step[near] @ whole[near]) / float(whole[near] @ whole[near])
+    off = np.abs(step / count - np.round(step / count))
+    return count if float(np.mean(off < _OFF_GRID)) >= _ON_GRID else None
