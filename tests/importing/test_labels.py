@@ -60,8 +60,12 @@ def test_a_recordings_own_names_are_taken_without_being_named(
     }
 
 
-def test_a_repeat_that_counts_nothing_is_left_out(tmp_path: Path, signals: dict[str, Floats]) -> None:
-    rows = [(*row[:2], number % 7, *row[3:]) for number, row in enumerate(programme(signals))]
+@pytest.mark.parametrize("often", [1, 2000], ids=["every row", "never"])
+def test_a_repeat_that_counts_nothing_is_left_out(
+    tmp_path: Path, signals: dict[str, Floats], often: int
+) -> None:
+    """One that is the same everywhere would make repetitions of one number of files that are brought in together."""
+    rows = [(*row[:2], 5 + number // often % 7, *row[3:]) for number, row in enumerate(programme(signals))]
     brought = bring_in(
         write(tmp_path / "axis.csv", rows, HEAD.replace("run", "repeat")),
         columns=(*COLUMNS, "experiment=phase"),

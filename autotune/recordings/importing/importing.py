@@ -70,6 +70,7 @@ from autotune.recordings.recording import RESERVED_EXPERIMENTS, Metadata, Record
 from autotune.recordings.turn_lines import unit_question
 
 _FAR = 1e7
+COUNTS_NONE = "counts no repetitions and is left out: it never changes, too often, or is no whole number"
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,9 +185,7 @@ def _load(source: Source, choices: list[Choice], lines: list[str]) -> tuple[dict
     for number, choice in enumerate(choices):
         values, loaded.columns[number] = loaded.columns[number], np.empty(0)
         if choice.target == REPEAT and not choice.trusted and not counts_repeats(values):
-            lines.append(
-                f"{REPEAT} counts no repetitions and is left out: it is no whole number, or changes too often"
-            )
+            lines.append(f"{REPEAT} {COUNTS_NONE}")
             continue
         doubts += value_doubt(choice, values, source)
         if choice.target == "time":

@@ -195,9 +195,9 @@ def _own_repeats(source: Source, rows: int | None, taken: set[int]) -> list[Choi
 
 
 def counts_repeats(values: Floats) -> bool:
-    """Whether a column, shape (n,), may count repetitions: whole numbers from 0 on that stay for a while."""
+    """Whether a column, shape (n,), counts repetitions: whole numbers from 0 on that change, and stay for a while."""
     whole = bool(np.all((values == np.round(values)) & (values >= 0.0)))
-    return whole and int(np.count_nonzero(np.diff(values))) * LEAST_ROWS <= len(values)
+    return whole and 0 < int(np.count_nonzero(np.diff(values))) * LEAST_ROWS <= len(values)
 
 
 def _recognised(
