@@ -50,6 +50,8 @@ _FRICTION = [2, 4]
 """Columns that every recording must tell apart: inertia, Coulomb friction, offset; and two groups of them."""
 _NOT_TOGETHER = 0.02
 """Of the torque's power: what a fit of one axis, or of two stretches of it, leaves at most."""
+_SLIDES = 0.9
+"""Of its friction that a contact comes to where it slides."""
 _SHORT, _LONG = 200, 1600
 """Rows: shorter pieces tell nothing by themselves, longer ones are looked at in quarters."""
 
@@ -397,7 +399,10 @@ def _apart(one: _Stretch, other: _Stretch) -> bool:
 
 
 def _alone(trials: Sequence[tuple[Floats, Floats]]) -> _Stretch | None:
-    """Inertia and friction of a stretch by itself, at its best reach, where it tells both within 5 %."""
+    """Inertia and friction of a stretch by itself, at its best reach, where it tells both within 5 %.
+
+    A contact that hardly bends by that reach is a spring: its friction was never there.
+    """
     if len(trials[0][1]) < _SHORT:
         return None
     design, target, solution, error = min(
@@ -405,7 +410,8 @@ def _alone(trials: Sequence[tuple[Floats, Floats]]) -> _Stretch | None:
     )
     if np.linalg.cond(design[:, _SURE] / _size(design[:, _SURE])) > 1e3:
         return None
-    if error > _NOT_TOGETHER * float(np.mean(target**2)):
+    slid = float(np.max(np.abs(design[:, _COULOMB])))
+    if slid < _SLIDES or error > _NOT_TOGETHER * float(np.mean(target**2)):
         return None
     spread = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * error)
     inertia, friction = float(solution[_J]), float(solution[_COULOMB])

@@ -251,6 +251,16 @@ def test_two_axes_are_told_by_what_comes_first_and_what_after() -> None:
     refuse_two_axes([[_told(*axis, seed) for seed, axis in enumerate([light, heavy, light])]])
 
 
+def test_a_contact_that_hardly_bends_is_no_other_axis() -> None:
+    """Small motion of an axis with a memory told the slope of a spring: a friction of 16 000 times the axis's."""
+    sliding, (design, _) = _told(1.0, 0.2, 0), _told(1.0, 0.2, 1)
+    bent = design * np.array([0.01, 0.01, 1e-4, 1e-4, 1.0])
+    torque = bent @ np.array([30.0, 0.01, 5e3, 0.0, 0.0])
+    refuse_two_axes([[sliding, (bent, torque)]])
+    with pytest.raises(RecordingError, match="mixes axes"):
+        refuse_two_axes([[sliding, (design, design @ np.array([30.0, 0.01, 5e3, 0.0, 0.0]))]])
+
+
 def test_friction_curved_over_speed_is_not_two_axes() -> None:
     """Stretches at other speeds tell other inertias and frictions; one axis explains them together."""
     axis = plain_axis(20_029, {"nonlinear_viscous": 0.03})
