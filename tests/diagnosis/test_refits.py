@@ -57,6 +57,21 @@ class _Controlled:
     data: object
 
 
+@dataclass(frozen=True)
+class _Item:
+    """A fit of which only its effects, what it leaves and what it explains count."""
+
+    effect: str
+    model_fit: SimpleNamespace
+    gain: float = 0.85
+    share: float = 0.97
+    named: bool = True
+
+
+def item(*effects: str, left: float = 1.0, **others: float) -> _Item:
+    return _Item(effects[-1], SimpleNamespace(effects=effects, left=left), **others)
+
+
 @pytest.mark.slow
 def test_a_first_fit_that_ended_in_the_wrong_place_is_made_again_from_where_a_candidate_led_it(
     short, nominal
@@ -332,16 +347,6 @@ def test_rivals_of_the_first_effect_are_asked_again_beside_the_second(
 ) -> None:
     """A weight led while contacts that age were missing; beside them a buffer left four tenths of what it did."""
 
-    @dataclass(frozen=True)
-    class Item:
-        effect: str
-        model_fit: SimpleNamespace
-        gain: float = 0.85
-        share: float = 0.97
-
-    def item(*effects: str, left: float = 1.0, **others: float) -> Item:
-        return Item(effects[-1], SimpleNamespace(effects=effects, left=left), **others)
-
     monkeypatch.setattr(settling, "error_left", lambda _, fit: fit.left)
     monkeypatch.setattr(
         settling, "in_place_of", lambda *_: item("spring", "dwell_time_break_away", left=left)
@@ -369,21 +374,15 @@ def test_what_may_stand_for_one_of_several_has_a_course_as_free_as_theirs(
 ) -> None:
     """Contacts that age left 1 % less than Stribeck friction of another course did by the law of the library."""
 
-    @dataclass(frozen=True)
-    class Item:
-        effect: str
-        model_fit: SimpleNamespace
-        named: bool = True
+    def beside(effect: str, left: float, **others: bool) -> _Item:
+        return item("nonlinear_viscous", effect, left=left, **others)
 
-    def item(effect: str, left: float, named: bool = True) -> Item:
-        return Item(effect, SimpleNamespace(effects=("nonlinear_viscous", effect), left=left), named)
-
-    state = _search(item("dwell_time_break_away", 1.0))
+    state = _search(beside("dwell_time_break_away", 1.0))
     state.evidence = SimpleNamespace(explains_rest_of=lambda *_: told_apart)
-    rival = item("stribeck", 1.01)
+    rival = beside("stribeck", 1.01)
     monkeypatch.setattr(search, "error_left", lambda _, fit: fit.left)
     monkeypatch.setattr(search, "_backward", lambda _: SimpleNamespace(exchanged=lambda *_: [rival]))
-    monkeypatch.setattr(SearchState, "shaped", lambda *_: item("stribeck", left, named))
+    monkeypatch.setattr(SearchState, "shaped", lambda *_: beside("stribeck", left, named=named))
     again = search._in_place(state)
     assert state.chosen.effect == first
     assert [one.effect for one in again] == list({"stribeck", "dwell_time_break_away"} - {first})
