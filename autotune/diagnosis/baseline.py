@@ -44,6 +44,7 @@ from autotune.estimation.controller import (
     find_controller,
 )
 from autotune.estimation.controller_between import AS_MUCH
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import by_certainty, estimate_disturbance, with_expected_noise
@@ -199,11 +200,17 @@ def _as_it_acts(problem: Problem) -> Problem | None:
     row, as no moment of recording is. An exact law tells itself when the torque acts.
     """
     data, law = problem.data, problem.controller
-    rows = acts_after(data)
-    if (law is not None and law.exact) or not (data.repeated and LATE_BY < rows <= 1.0):
+    if not data.repeated or (law is not None and law.exact):
         return None
-    moved = shifted(data, -2.0 * rows * data.upsampling)
-    again = new_problem(moved, problem.controller, problem.policy)
+    rows = acts_after(data)
+    if not LATE_BY < rows <= 1.0:
+        return None
+    return _begun_anew(problem, shifted(data, -2.0 * rows * data.upsampling), law)
+
+
+def _begun_anew(problem: Problem, data: Prepared, law: PositionController | None) -> Problem:
+    """The problem of other data and another law, before anything is known about noise."""
+    again = new_problem(data, law, problem.policy)
     return replace(again, simulations=problem.simulations, told=problem.told)
 
 
@@ -323,10 +330,7 @@ def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
 def _recorded_late(problem: Problem) -> Problem | None:
     """`recorded_late`, before anything is known about noise."""
     late = recorded_late(problem)
-    if late is None:
-        return None
-    again = new_problem(late.data, late.controller, problem.policy)
-    return replace(again, simulations=problem.simulations, told=problem.told)
+    return None if late is None else _begun_anew(problem, late.data, late.controller)
 
 
 def _late_record(

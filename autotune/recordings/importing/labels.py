@@ -41,7 +41,7 @@ def label_column(options: Options, source: Source) -> tuple[list[str], Column | 
                 "one of the two out"
             )
         return others, column
-    own = [column for column in source.texts if column.name.strip().lower() == TARGET]
+    own = by_name(TARGET, source.texts)
     return others, own[0] if len(own) == 1 and options.experiment is None else None
 
 

@@ -21,7 +21,7 @@ from autotune.recordings.importing.recognise import (
     quantity_of,
     unit_of,
 )
-from autotune.recordings.importing.source import Source, usual_rows
+from autotune.recordings.importing.source import Source, by_name, usual_rows
 from autotune.recordings.importing.units import Unit, find_unit
 from autotune.recordings.recording import FLOAT_COLUMNS
 
@@ -183,14 +183,8 @@ def _assigned(item: Assignment, source: Source, wishes: Wishes) -> Choice | Doub
 
 def _own_repeats(source: Source, rows: int | None, taken: set[int]) -> list[Choice]:
     """The one column with the recording's own name for repetitions; what it holds is looked at when it is read."""
-    own = [
-        i
-        for i, column in enumerate(source.columns)
-        if i not in taken
-        and column.rows == rows
-        and column.name.strip().lower() == REPEAT
-        and not column.unit
-    ]
+    named = [source.columns.index(column) for column in by_name(REPEAT, source.columns) if not column.unit]
+    own = [i for i in named if i not in taken and source.columns[i].rows == rows]
     return [Choice(REPEAT, own[0], 1.0, "a recording's own name", None, False)] if len(own) == 1 else []
 
 
