@@ -53,6 +53,9 @@ from autotune.diagnosis.screening import (
     rank,
 )
 from autotune.diagnosis.transmission import (
+    masses_led_on,
+    masses_scattered,
+    other_contact_tried,
     without_needless_gap,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -469,7 +472,42 @@ def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidat
     best = plainer(problem, fits, best, state.evidence.alike(problem))
     if best.named and problem.has_veto and best.gain < problem.policy.least_gain:
         best = replace(best, gain=gain_on_veto(problem, state.model_fit, best.model_fit))
-    return best if state.worth_having(best) else _worth_by_its_course(state, best)
+    return best if state.worth_having(best) else _worth_at_its_best(state, best)
+
+
+def _worth_at_its_best(state: SearchState, best: FittedCandidate) -> FittedCandidate | None:
+    """A further effect that is not worth having as its fit ended, led on: two masses from elsewhere, its course free.
+
+    The first effect of a search is led on once it is taken; beside another one a fit that stops short is not taken.
+    """
+    if state.chosen is None or not state.evidence.repeats:
+        return None
+    led = _masses_at_their_best(state, best)
+    if led is not best and state.worth_having(led):
+        return led
+    return _worth_by_its_course(state, led)
+
+
+def _masses_at_their_best(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """A further transmission in another contact, led on, where what it explains of the rest is clear.
+
+    A gap that is damped beside its spring stopped at a third of what the same one explains that is damped by its
+    impact. Beside what has a name it must explain nearly all of the rest, and is looked for from elsewhere too.
+    """
+    problem, before, policy = state.problem, state.model_fit, state.problem.policy
+    if not EFFECTS[best.effect].in_transmission or not problem.twin:
+        return best
+    left = problem.mean_square(before.fitted.error, TRAINING)
+    if before.fitted.cost - best.model_fit.fitted.cost < policy.clear_beside * left:
+        return best
+    led = other_contact_tried(problem, state.root, best, state.progress)
+    if led is not best:
+        led = refined(problem, state.root, led, state.progress)
+        led = masses_led_on(problem, state.root, led, state.progress)
+    parts = explained_of_rest(problem, before, led.model_fit)
+    if state.chosen is not None and state.chosen.named and all(one.share >= policy.partly for one in parts):
+        led = masses_scattered(problem, state.root, led, state.progress)
+    return led
 
 
 def _worth_by_its_course(state: SearchState, best: FittedCandidate) -> FittedCandidate | None:
@@ -479,10 +517,12 @@ def _worth_by_its_course(state: SearchState, best: FittedCandidate) -> FittedCan
     as much of that as a name asks of all, on training and veto.
     """
     problem, before = state.problem, state.model_fit
-    if state.chosen is None or not state.evidence.repeats:
-        return None
     beside = explained_beside(problem, before, best.model_fit, TRAINING)
-    if beside.fall < least_fall(problem, state.chosen) or explains_rest(problem, state.chosen, best):
+    if (
+        state.chosen is None
+        or beside.fall < least_fall(problem, state.chosen)
+        or explains_rest(problem, state.chosen, best)
+    ):
         return None
     shaped = state.shaped(best)
     if shaped is None or not shaped.named:

@@ -49,7 +49,7 @@ from autotune.diagnosis.screening import (
     generic_gains,
     rows_back,
 )
-from autotune.diagnosis.settling import take
+from autotune.diagnosis.settling import led_from_elsewhere, take
 from autotune.diagnosis.transmission import (
     plainer_of,
     spring_in_place,
@@ -155,6 +155,7 @@ def _found(state: SearchState) -> Found:
     if state.begin_again is not None:
         anew = Found(state.problem, state.root, None, (), (), {}, begin_again=state.begin_again)
         return replace(anew, beside=state.beside)
+    led_from_elsewhere(state)
     _tidy(state)
     if _loaded_by_the_loop(state):
         _seek_on(state)

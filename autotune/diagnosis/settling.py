@@ -7,7 +7,6 @@ part unexplained. Whatever leaves more than before is undone.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -36,6 +35,7 @@ from autotune.diagnosis.screening import (
 )
 from autotune.diagnosis.transmission import (
     masses_led_on,
+    masses_scattered,
     other_contact_tried,
     other_spring_tried,
     other_transmission_tried,
@@ -45,6 +45,10 @@ from autotune.estimation.model_error import told_beside
 from autotune.models.spring import SPRING
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
+
+TIMES_SCATTERED, WORTH_SCATTERING = 3, 0.95
+"""Times that a model with two masses is fitted from places around where it stopped, at most; and of what comes again,
+the part that the last may leave of the one before it for the next."""
 
 
 def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
@@ -85,6 +89,31 @@ def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     state.chosen = best
     state.seen.append(best.model_fit)
     return best
+
+
+def led_from_elsewhere(state: SearchState) -> None:
+    """What was chosen, where it has two masses and no name: fitted from places around it, as long as that helps.
+
+    Once nothing more is found beside it: before that, what it leaves is most of all another effect. Where it helps the
+    law of its spring and the courses of the others are told anew, as the fit that stopped short hid them.
+    """
+    begun = state.chosen
+    if begun is None or not state.evidence.repeats:
+        return
+    best = begun
+    for _ in range(TIMES_SCATTERED):
+        if best.named or best.training.share < state.problem.policy.partly:
+            break
+        before = best.training
+        best = masses_scattered(state.problem, state.root, best, state.progress)
+        if best.training.left > WORTH_SCATTERING * before.left:
+            break
+    if best is begun:
+        return
+    if not best.named:
+        best = _others_freed(state, _other_spring(state, best))
+    state.chosen = best
+    state.seen.append(best.model_fit)
 
 
 def _other_contact(state: SearchState, best: FittedCandidate) -> FittedCandidate:
@@ -308,9 +337,11 @@ def _first_exchanged(state: SearchState, chosen: FittedCandidate) -> FittedCandi
     a buffer that is met on the way, beside contacts that age. A gap holds a spring, and leaves no more than it.
     """
     policy, first = state.problem.policy, chosen.model_fit.effects[0]
-    gains = {item.effect: item.gain for item in state.tried}
+    found = {item.effect: item for item in state.tried}
     for item in state.tried:
-        led = item.gain >= policy.rival_gain * gains.get(first, math.inf) and item.share >= policy.partly
+        known = found.get(first)
+        led = known is not None and item.gain >= policy.rival_gain * known.gain
+        led = led and known is not None and item.share >= min(policy.partly, known.share)
         masses = EFFECTS[item.effect].in_transmission and EFFECTS[first].in_transmission
         if item.effect in chosen.model_fit.effects or masses or not led:
             continue

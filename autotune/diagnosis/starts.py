@@ -14,6 +14,7 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from autotune.core.arrays import Floats, Integers
 from autotune.diagnosis.ripple_orders import find_orders
@@ -58,6 +59,19 @@ LED_ON, AFTER_A_FIT = 3, 0.5
 """Rounds in which a fit that has stopped is led on, and the part of the first steps with which."""
 GENERATIONS = 40
 """In which what was led along the coordinates follows its valley across them."""
+SCATTERED, CLOSER, FITTED = 192, 16, 3
+"""Places that are scattered near a fit between two masses and as many far from it; those of either that are looked at
+more closely, and those from which it is fitted anew."""
+TRADED = {
+    "gap": (1.7, 3.0),
+    "contact_compliance": (2.8, 8.0),
+    "compliance": (2.8, 8.0),
+    "load_inertia": (1.25, 3.0),
+}
+TRADED |= {"damping": (1.6, 3.0), "impact_damping": (1.6, 3.0)}
+"""What trades places between two masses, and times how much it is looked for near a fit and far off, up and down."""
+SHARED = ("load_friction", "load_offset")
+"""What motor and load share in any way, far from a fit."""
 FIRST_STEP = 0.5
 """Of the longest step of a parameter."""
 
@@ -356,6 +370,36 @@ def _apart(sizes: Floats, order: Sequence[int]) -> list[int]:
     return chosen
 
 
+def scattered(problem: Problem, model_fit: ModelFit) -> list[Packed]:
+    """Places around a fit with two masses whose twins leave least: the best of those near it, and of those far from it.
+
+    The floor of its valley is rough where a contact rattles: between a minimum of half a gap in a harder contact and
+    the true one each step costs more, and neither slopes nor steps lead there. A heavy load behind a hard spring and a
+    light one behind a soft one have each a valley of their own. What trades places is scattered evenly (Halton's
+    sequence, [halton-1960]).
+    """
+    between = [one for one in model_fit.free if one.slot in BETWEEN]
+    costs_of = _costs_beside(problem, model_fit, [one.slot for one in between])
+    chosen = []
+    for far in (False, True):
+        places = _places_around(model_fit.fitted.packed, between, far)
+        near = np.argsort(costs_of(places, 1), kind="stable")[:CLOSER]
+        closer = costs_of([places[i] for i in near], problem.simulations + 1)
+        chosen += [places[near[i]] for i in np.argsort(closer, kind="stable")[:FITTED]]
+    return chosen
+
+
+def _places_around(packed: Packed, between: Sequence[Free], far: bool) -> list[Packed]:
+    """Models that differ in what trades places between the masses, near a model or `far` from it."""
+    names = [one.name.rpartition(".")[2] for one in between]
+    times = np.array([TRADED.get(name, (1.0, 1.0))[far] for name in names])
+    spread = scipy.stats.qmc.Halton(len(between), seed=0).random(SCATTERED)
+    values = packed.p[[one.slot for one in between]] * times ** (2.0 * spread - 1.0)
+    shared = [i for i, name in enumerate(names) if far and name in SHARED]
+    values[:, shared] = spread[:, shared]
+    return [with_values(packed, between, _bounded(between, one)) for one in values]
+
+
 def led_on(problem: Problem, model_fit: ModelFit, across: bool = False) -> Packed:
     """A fit with two masses, what is between them led on from where it stopped: by its twins, and without slopes.
 
@@ -364,15 +408,24 @@ def led_on(problem: Problem, model_fit: ModelFit, across: bool = False) -> Packe
     often as not: `across` asks that it be followed round its bend too, which takes several times as many runs.
     """
     moved = tuple(one for one in model_fit.free if one.slot in BETWEEN)
-    projected = Projected.of(problem, model_fit, [one.slot for one in moved])
-    judged = replace(projected, problem=problem.until_judged())
+    beside = _costs_beside(problem, model_fit, [one.slot for one in moved])
 
     def costs_of(models: Sequence[Packed]) -> Floats:
-        return judged.costs_in_twins(models, problem.simulations + 1)
+        return beside(models, problem.simulations + 1)
 
     start = FitStart(model_fit.fitted.packed, moved)
     (end,) = _led_by_twins([start], [float(costs_of([start.packed])[0])], costs_of, LED_ON, AFTER_A_FIT)
     return (_round_the_bend(end, costs_of) if across else end).packed
+
+
+def _costs_beside(
+    problem: Problem, model_fit: ModelFit, moved: Sequence[int]
+) -> Callable[[Sequence[Packed], int], Floats]:
+    """Costs of models that differ from a fit at the slots `moved`, by so many runs of their twins; all else that is
+    free follows.
+    """
+    projected = Projected.of(problem, model_fit, moved)
+    return replace(projected, problem=problem.until_judged()).costs_in_twins
 
 
 def _led_by_twins(
@@ -435,9 +488,13 @@ def _first_steps(start: FitStart) -> Floats:
 
 def _at_root(start: FitStart, place: Floats) -> Packed:
     """The model of a start at another place, which is told by those roots."""
-    free = start.free
-    bounds = [np.array([getattr(f, end) for f in free]) for end in ("lower", "upper")]
-    return with_values(start.packed, free, np.clip(np.maximum(place, 0.0) ** 2, *bounds))
+    return with_values(start.packed, start.free, _bounded(start.free, np.maximum(place, 0.0) ** 2))
+
+
+def _bounded(free: Sequence[Free], values: Floats) -> Floats:
+    """Values inside the bounds of what is free."""
+    lower, upper = (np.array([getattr(f, end) for f in free]) for end in ("lower", "upper"))
+    return np.asarray(np.clip(values, lower, upper))
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from autotune.diagnosis.candidates import (
     leaves_about_as_little,
 )
 from autotune.diagnosis.refits import NEARLY, REFINED, judged
-from autotune.diagnosis.starts import Context, FitStart, led_on, scouted, starts_of, varying
+from autotune.diagnosis.starts import Context, FitStart, led_on, scattered, scouted, starts_of, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free
@@ -376,6 +376,27 @@ def masses_led_on(
     if settled is None or settled.fitted.cost >= model_fit.fitted.cost:
         return chosen
     return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+
+
+def masses_scattered(
+    problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress
+) -> FittedCandidate:
+    """The chosen model with two masses, fitted anew from places around where it stopped, where that explains more.
+
+    What does not come again is most of the error in some experiments, and the valley that costs least is not the one
+    that leaves least of what comes again.
+    """
+    model_fit = chosen.model_fit
+    if not problem.twin or not problem.two_masses(model_fit.fitted.packed):
+        return chosen
+    progress("motor and load fitted from elsewhere")
+    best = chosen
+    for packed in scattered(problem, model_fit):
+        settled = fit_inside_twin(problem, packed, list(model_fit.free), 2, model_fit.effects)
+        if settled is not None:
+            other = replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+            best = other if other.training.share > best.training.share else best
+    return chosen if best is chosen else masses_led_on(problem, root, best, progress)
 
 
 def _free_with(model_fit: ModelFit, impact: bool) -> list[Free]:
