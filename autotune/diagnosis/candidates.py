@@ -157,15 +157,15 @@ def explains_rest(problem: Problem, chosen: FittedCandidate, more: FittedCandida
     Half of it, where these need it for a name. Where they have one, they leave no more than true effects whose laws
     differ may leave, and such a rest resembles other effects in part: only what explains as much of it as a name asks
     of all, on training and veto, is told from that. A veto trajectory that was played once cannot say so of crumbs:
-    what is left there is known by a bound, which is as loud as they are. And where the chosen ones leave crumbs of a
-    veto trajectory that was repeated, the motion hardly shows the further effect: half of them is asked there.
+    what is left there is known by a bound, which is as loud as they are. And where the chosen ones leave less of
+    a veto trajectory than a further effect must explain at all, that motion hardly shows it: half of it is asked there.
     """
     policy, parts = problem.policy, explained_of_rest(problem, chosen.model_fit, more.model_fit)
     if not chosen.named:
         return parts[0].share >= policy.partly
     if problem.has_veto and not problem.veto_repeats:
         return False
-    shown = chosen.veto is None or chosen.veto.share < 1.0 - policy.crumbs
+    shown = chosen.veto is None or chosen.veto.share < 1.0 - policy.worth_beside
     least = [policy.named, policy.named if shown else policy.partly]
     return all(part.share >= asked for part, asked in zip(parts, least, strict=False))
 

@@ -140,14 +140,6 @@ class Policy:
         "of what is left between two masses: what two fits of one model differ by",
         "bench.diagnosis: by a fifth two fits of one model differ by chance",
     )
-    crumbs: float = _threshold(
-        0.01,
-        "1",
-        "of the explainable error on the veto trajectory: where those that have a name leave less there, half of it is "
-        "enough for a further effect",
-        "pair 79889680: beside a ripple that leaves 0.004 of the veto a true gap explains 0.69 of that, 0.99 of the "
-        "rest of the training",
-    )
     negligible: float = _threshold(
         0.02,
         "1",

@@ -19,7 +19,7 @@ from autotune.diagnosis.refits import (
     looped_otherwise,
     root_from,
 )
-from autotune.diagnosis.rounds import SearchState, _law_before, _worth_by_its_course
+from autotune.diagnosis.rounds import SearchState, _law_before, _worth_at_its_best, _worth_by_its_course
 from autotune.diagnosis.settling import _a_row_beside, _first_exchanged
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import fit_inside_twin
@@ -267,11 +267,60 @@ def test_beside_effects_that_have_a_name_a_further_one_explains_nearly_all_that_
     """An asymmetry took half of what a drift and a load dependence by other laws leave, and was a third name."""
     parts = [SimpleNamespace(share=one) for one in (training, veto)]
     monkeypatch.setattr(candidates, "explained_of_rest", lambda *_: parts)
-    chosen, more = SimpleNamespace(model_fit=None, named=named), SimpleNamespace(model_fit=None)
+    left = SimpleNamespace(share=0.95)
+    chosen, more = SimpleNamespace(model_fit=None, named=named, veto=left), SimpleNamespace(model_fit=None)
     twice = SimpleNamespace(policy=POLICY, has_veto=True, veto_repeats=True)
     assert explains_rest(twice, chosen, more) is explains
     once = SimpleNamespace(policy=POLICY, has_veto=True, veto_repeats=False)
     assert explains_rest(once, chosen, more) is (explains and not named), "of crumbs a bound says nothing"
+
+
+@pytest.mark.parametrize(
+    ("training", "veto", "explains"),
+    [(0.99, 0.69, True), (0.99, 0.4, False), (0.8, 0.95, False)],
+    ids=["half of the crumbs", "less than half", "a law that differs"],
+)
+def test_a_veto_of_which_crumbs_are_left_asks_half_of_them(
+    monkeypatch: pytest.MonkeyPatch, training: float, veto: float, explains: bool
+) -> None:
+    """Beside a ripple that left 0.004 of it, a true gap explained 0.69 of that and 0.99 of the rest of the training."""
+    parts = [SimpleNamespace(share=one) for one in (training, veto)]
+    monkeypatch.setattr(candidates, "explained_of_rest", lambda *_: parts)
+    crumbs = SimpleNamespace(share=0.996)
+    chosen, more = SimpleNamespace(model_fit=None, named=True, veto=crumbs), SimpleNamespace(model_fit=None)
+    twice = SimpleNamespace(policy=POLICY, has_veto=True, veto_repeats=True)
+    assert explains_rest(twice, chosen, more) is explains
+    once = SimpleNamespace(policy=POLICY, has_veto=True, veto_repeats=False)
+    assert not explains_rest(once, chosen, more), "of crumbs a bound says nothing"
+
+
+@pytest.mark.parametrize(
+    ("repeats", "effect", "fall", "led_on"),
+    [
+        (True, "backlash", 0.2, True),
+        (True, "backlash", 0.05, False),
+        (True, "spring", 0.2, False),
+        (False, "backlash", 0.2, False),
+    ],
+    ids=["a gap", "hardly anything", "one mass", "without repeats"],
+)
+def test_a_further_transmission_is_led_on_before_it_is_refused(
+    monkeypatch: pytest.MonkeyPatch, repeats: bool, effect: str, fall: float, led_on: bool
+) -> None:
+    """A gap that is damped beside its spring stopped at 33 % of the rest, damped by its impact it explains 83 %."""
+    led = SimpleNamespace(effect=effect, model_fit=None)
+    monkeypatch.setattr(rounds, "other_contact_tried", lambda *_: led)
+    monkeypatch.setattr(rounds, "refined", lambda *_: led)
+    monkeypatch.setattr(rounds, "masses_led_on", lambda *_: led)
+    monkeypatch.setattr(rounds, "explained_of_rest", lambda *_: [SimpleNamespace(share=0.8)])
+    monkeypatch.setattr(rounds, "_worth_by_its_course", lambda *_: None)
+    monkeypatch.setattr(SearchState, "worth_having", lambda _, one: one is led)
+    before = SimpleNamespace(fitted=SimpleNamespace(cost=1.0, error=None))
+    search = _search(SimpleNamespace(model_fit=before, named=False))
+    search.evidence.repeats = repeats
+    search.problem.twin, search.problem.mean_square = True, lambda *_: 1.0
+    best = SimpleNamespace(effect=effect, model_fit=SimpleNamespace(fitted=SimpleNamespace(cost=1.0 - fall)))
+    assert _worth_at_its_best(search, best) is (led if led_on else None)
 
 
 @pytest.mark.parametrize(

@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from autotune.diagnosis import screening
+from autotune.diagnosis import screening, transmission
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, no_progress
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.refits import inside_twin
 from autotune.diagnosis.rounds import SearchState, _second_look
 from autotune.diagnosis.screening import NEAR_BEST, _short_fits, screen
-from autotune.diagnosis.starts import Context, FitStart, led_on, scouted, starts_of
+from autotune.diagnosis.starts import (
+    SCATTERED,
+    TRADED,
+    Context,
+    FitStart,
+    _places_around,
+    led_on,
+    scouted,
+    starts_of,
+)
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import SHARP, ModelFit, Projected, twinned
 from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import TRAINING, VETO, prepare
-from autotune.estimation.least_squares import done_alone, fitting
+from autotune.estimation.least_squares import Free, done_alone, fitting
 from autotune.estimation.problem import LEAST_WEIGHT, Problem, by_steadiness, new_problem
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed, base_model
@@ -110,6 +120,57 @@ def test_a_fit_that_stopped_across_its_valley_is_led_on(begun: Begun) -> None:
     assert Projected.of(problem, stopped).before < Projected.of(problem, stopped, moved).before <= astray.cost
     end = twinned(problem, led_on(problem, stopped, across=True))
     assert settled.fitted.cost * 0.8 < end.cost < 0.5 * (settled.fitted.cost + astray.cost)
+
+
+@pytest.mark.parametrize("far", [False, True], ids=["near", "far"])
+def test_what_trades_places_between_two_masses_is_scattered_inside_its_bounds(far: bool) -> None:
+    """Sizes go by factors; shares of friction and weight anywhere, far from a fit only; all else stays."""
+    kind = EFFECTS["backlash"]
+    sizes = {"gap": (3e-4, 1.0), "contact_compliance": (2e-5, 1.0), "load_inertia": (0.5, 0.9)}
+    shares = {"load_friction": (0.1, 1.0), "load_offset": (0.9, 1.0)}
+    free = [
+        Free(f"backlash.{name}", kind.slot(name), 0.0, upper, 1.0)
+        for name, (_, upper) in (sizes | shares).items()
+    ]
+    packed = base_model(NOMINAL).pack()
+    for name, (value, _) in (sizes | shares).items():
+        packed.p[kind.slot(name)] = value
+    places = _places_around(packed, free, far)
+    assert len(places) == SCATTERED
+    spread = np.array([[one.p[parameter.slot] for parameter in free] for one in places])
+    for i, (name, (value, upper)) in enumerate(sizes.items()):
+        times = TRADED[name][far]
+        assert value / times <= spread[:, i].min() < value < spread[:, i].max() <= min(value * times, upper)
+    for i, name in enumerate(shares, len(sizes)):
+        assert np.ptp(spread[:, i]) > 0.9 if far else np.all(spread[:, i] == packed.p[kind.slot(name)])
+    moved = {int(slot) for one in places for slot in np.flatnonzero(one.p != packed.p)}
+    assert moved <= {parameter.slot for parameter in free}
+
+
+@pytest.mark.parametrize(("cost", "share", "taken"), [(1.3, 0.95, True), (0.8, 0.8, False)])
+def test_of_fits_from_elsewhere_the_one_that_explains_more_of_what_comes_again_is_taken(
+    monkeypatch: pytest.MonkeyPatch, cost: float, share: float, taken: bool
+) -> None:
+    """A heavy load behind a hard spring cost less than the true one, which left a tenth of what came again."""
+
+    @dataclass(frozen=True)
+    class Found:
+        model_fit: SimpleNamespace
+        training: SimpleNamespace
+        gain: float = 0.5
+        effect: str = EFFECT
+
+    fitted = SimpleNamespace(packed=None, cost=1.0)
+    chosen = Found(SimpleNamespace(fitted=fitted, free=(), effects=(EFFECT,)), SimpleNamespace(share=0.9))
+    other = SimpleNamespace(fitted=SimpleNamespace(packed=None, cost=cost))
+    monkeypatch.setattr(transmission, "scattered", lambda *_: [None])
+    monkeypatch.setattr(transmission, "fit_inside_twin", lambda *_: other)
+    monkeypatch.setattr(transmission, "judged", lambda *_: Found(other, SimpleNamespace(share=share)))
+    monkeypatch.setattr(transmission, "masses_led_on", lambda _, __, one, ___: one)
+    problem = SimpleNamespace(twin=True, two_masses=lambda _: True)
+    led = transmission.masses_scattered(problem, None, chosen, no_progress)
+    assert (led.model_fit is other) is taken
+    assert taken or led is chosen
 
 
 @pytest.mark.slow(5)
