@@ -644,8 +644,8 @@ def test_what_was_found_first_must_be_worth_having_beside_the_rest(
     monkeypatch.setattr(backward, "explained_beside", lambda *_: part)
     monkeypatch.setattr(candidates, "explained_of_rest", lambda *_: [part])
     monkeypatch.setattr(backward, "least_fall", lambda *_: 0.01)
-    problem = SimpleNamespace(policy=POLICY, veto_repeats=True)
-    fit = SimpleNamespace(model_fit=None, named=True)
+    problem = SimpleNamespace(policy=POLICY, has_veto=True, veto_repeats=True)
+    fit = SimpleNamespace(model_fit=None, named=True, veto=part)
     steps = backward.Backward(problem, None, RepeatedProgramme(), no_progress)
     assert steps.enters_beside(fit, fit) == enters
 
