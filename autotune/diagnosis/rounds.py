@@ -53,7 +53,6 @@ from autotune.diagnosis.screening import (
     rank,
 )
 from autotune.diagnosis.transmission import (
-    masses_led_on,
     masses_scattered,
     other_contact_tried,
     without_needless_gap,
@@ -497,13 +496,9 @@ def _masses_at_their_best(state: SearchState, best: FittedCandidate) -> FittedCa
     problem, before, policy = state.problem, state.model_fit, state.problem.policy
     if not EFFECTS[best.effect].in_transmission or not problem.twin:
         return best
-    left = problem.mean_square(before.fitted.error, TRAINING)
-    if before.fitted.cost - best.model_fit.fitted.cost < policy.clear_beside * left:
+    if best.model_fit.fitted.cost > (1.0 - policy.clear_beside) * before.fitted.cost:
         return best
     led = other_contact_tried(problem, state.root, best, state.progress)
-    if led is not best:
-        led = refined(problem, state.root, led, state.progress)
-        led = masses_led_on(problem, state.root, led, state.progress)
     parts = explained_of_rest(problem, before, led.model_fit)
     if state.chosen is not None and state.chosen.named and all(one.share >= policy.partly for one in parts):
         led = masses_scattered(problem, state.root, led, state.progress)

@@ -76,7 +76,7 @@ def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
         if unsettled(state.problem, best):
             best = masses_led_on(state.problem, state.root, best, state.progress)
         if best.share < REFINED:
-            best = _other_contact(state, best)
+            best = other_contact_tried(state.problem, state.root, best, state.progress)
         best = _late_beside(state, _told_beside(state, best))
     if state.evidence.repeats:
         best = _other_spring(state, best)
@@ -114,15 +114,6 @@ def led_from_elsewhere(state: SearchState) -> None:
         best = _others_freed(state, _other_spring(state, best))
     state.chosen = best
     state.seen.append(best.model_fit)
-
-
-def _other_contact(state: SearchState, best: FittedCandidate) -> FittedCandidate:
-    """The best candidate with another contact in its gap where that does clearly better, led on from there."""
-    other = other_contact_tried(state.problem, state.root, best, state.progress)
-    if other is best:
-        return best
-    other = refined(state.problem, state.root, other, state.progress)
-    return masses_led_on(state.problem, state.root, other, state.progress)
 
 
 def _other_spring(state: SearchState, best: FittedCandidate) -> FittedCandidate:
@@ -337,11 +328,11 @@ def _first_exchanged(state: SearchState, chosen: FittedCandidate) -> FittedCandi
     a buffer that is met on the way, beside contacts that age. A gap holds a spring, and leaves no more than it.
     """
     policy, first = state.problem.policy, chosen.model_fit.effects[0]
-    found = {item.effect: item for item in state.tried}
+    known = next((item for item in state.tried if item.effect == first), None)
+    if known is None:
+        return chosen
     for item in state.tried:
-        known = found.get(first)
-        led = known is not None and item.gain >= policy.rival_gain * known.gain
-        led = led and known is not None and item.share >= min(policy.partly, known.share)
+        led = item.gain >= policy.rival_gain * known.gain and item.share >= min(policy.partly, known.share)
         masses = EFFECTS[item.effect].in_transmission and EFFECTS[first].in_transmission
         if item.effect in chosen.model_fit.effects or masses or not led:
             continue

@@ -67,8 +67,9 @@ TRADED = {
     "contact_compliance": (2.8, 8.0),
     "compliance": (2.8, 8.0),
     "load_inertia": (1.25, 3.0),
+    "damping": (1.6, 3.0),
+    "impact_damping": (1.6, 3.0),
 }
-TRADED |= {"damping": (1.6, 3.0), "impact_damping": (1.6, 3.0)}
 """What trades places between two masses, and times how much it is looked for near a fit and far off, up and down."""
 SHARED = ("load_friction", "load_offset")
 """What motor and load share in any way, far from a fit."""

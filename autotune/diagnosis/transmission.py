@@ -20,7 +20,7 @@ from autotune.diagnosis.candidates import (
     explained_of_rest,
     leaves_about_as_little,
 )
-from autotune.diagnosis.refits import NEARLY, REFINED, judged
+from autotune.diagnosis.refits import NEARLY, REFINED, judged, refined
 from autotune.diagnosis.starts import Context, FitStart, led_on, scattered, scouted, starts_of, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.data import VETO
@@ -207,9 +207,9 @@ def other_contact_tried(
     The size of a gap and the spring behind it make the same course of the torque as long as the gap is small, so that
     a fit may end with the one in the place of the other. And surfaces that meet touch in a point first, so that the
     damping grows with the torque, while a damper beside the spring has all of its own at once: what is left of that
-    makes a motor rattle in its gap, or rest.
+    makes a motor rattle in its gap, or rest. What does better is led on from there.
     """
-    model_fit = chosen.model_fit
+    begun, model_fit = chosen, chosen.model_fit
     if GAP.name not in model_fit.effects:
         return chosen
     progress(f"another contact of {GAP.name}")
@@ -225,7 +225,9 @@ def other_contact_tried(
         target = least * chosen.model_fit.fitted.cost
         settled = fit_from_starts(problem, led, 0.0, free, model_fit.effects, target)
         chosen = _instead(problem, root, chosen, settled, chosen.effect, least)
-    return chosen
+    if chosen is begun:
+        return chosen
+    return masses_led_on(problem, root, refined(problem, root, chosen, progress), progress)
 
 
 def other_spring_tried(
