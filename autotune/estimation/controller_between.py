@@ -399,18 +399,20 @@ def _best_between(
 
     After it the same of each other way of recording a torque that explains as much: a mean over the last sample and a
     later set point are the same below that frequency, but for a twin they are not. What a loop makes of its set points
-    from sample to sample is in a torque as at the samples, and not in a mean.
+    from sample to sample is in a torque as at the samples, and not in a mean. And the best with its set points on the
+    other curve between the samples, which most columns do not tell either.
 
-    Filters are found before delays are told: between rough ones the true delay leaves more than another one does.
+    Filters are found before delays and curves are told: between rough ones the true one leaves more than another does.
     """
     enough = (1.0 - max(trial.explained for trial in trials)) * HARDLY_MORE * FINER_FILTER
-    forms: dict[tuple[str, int], PositionController] = {}
+    forms: dict[tuple[str, bool, int], PositionController] = {}
     for trial in sorted(trials, key=lambda trial: trial.explained):
         if 1.0 - trial.explained <= enough:
-            forms[trial.taken, trial.reference_delay] = trial
+            forms[trial.taken, trial.cubic, trial.reference_delay] = trial
     refined = [_best_rate(coarse, form) for form in forms.values()]
     best = _plainest(refined, samples.period)
     ways = [[one for one in refined if one.taken == taken] for taken in TAKEN if taken != best.taken]
+    ways.append([one for one in refined if one.taken == best.taken and one.cubic != best.cubic])
     found = [best, *(_plainest(way, samples.period) for way in ways if way)]
     whole = _Between(samples)
     laws = [whole.law(one, one.filter_rate(samples.period)) for one in found]
