@@ -21,6 +21,7 @@ from autotune.diagnosis.evidence.evidence import MOST_UNEXPLAINED
 from autotune.diagnosis.evidence.torque_path import SURE
 from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.fitting import fit_model, loose
+from autotune.estimation.controller_law import EVE, MOMENT
 from autotune.estimation.model_error import CLEARLY_LESS
 from autotune.estimation.policy import POLICY
 from autotune.identify.dahl import Complexity, judge_complexity
@@ -240,20 +241,31 @@ def _behind_the_chain(
     that is late, viscosity, friction and damping make up for the delay. The search has it as a nuisance. It fits
     nothing beside the model: where the first fit did, that stays. Of a record that is late the first fit was made in a
     loop that is none of the axis's: what it leaves less is no merit.
+
+    Nor has it what a torque that is read at a moment is off by, as where set points on lines turn at the rows and
+    their rate is fed forward: inertia takes that. What leaves half as much there is no missing effect's part.
     """
     compared = None if result.model is None else compared_or_none(recordings, result.model)
     if compared is None or result.method != "twin" or _beside(result):
         return result, compared
     data = compared.problem.data
     late = data.lag > SURE * data.lag_error or data.late != 0.0 or data.cycles > 0
-    if not (compared.late_record or (compared.twin and data.repeated and late)):
+    at_moment = not late and _turns_at_rows(compared)
+    if not (compared.late_record or (compared.twin and data.repeated and (late or at_moment))):
         return result, compared
     other = _by_search(whole, effects, (), progress)
     its = None if other.model is None else compared_or_none(recordings, other.model)
-    most = POLICY.partly**-0.5 if compared.late_record else CLEARLY_LESS
+    most = POLICY.partly**-0.5 if compared.late_record else POLICY.partly if at_moment else CLEARLY_LESS
     if its is None or not other.valid or its.error_rms > most * compared.error_rms:
         return result, compared
     return other, its
+
+
+def _turns_at_rows(compared: Compared) -> bool:
+    """Whether the torque is that of the rows' moments of a drive whose fed rate turns there."""
+    law = compared.problem.controller
+    fed = law is not None and (law.reference_rate != 0.0 or law.velocity_feedforward != 0.0)
+    return law is not None and law.within and not law.smooth and law.taken in (MOMENT, EVE) and fed
 
 
 def _beside(result: FitResult) -> bool:
