@@ -80,8 +80,8 @@ BY_SENSOR = (
     "'torque_command'."
 )
 AS_ASKED = (
-    "Above {:.2g} Hz the torque is compared as the controller asks for it along the recorded motion: of that "
-    "the model leaves less than of the recorded torque, which was read at a moment, or is noisier."
+    "Above {:.2g} Hz the model is compared with what the controller, by its law, must have asked for along the "
+    "recorded motion, and not with the recorded torque: that was read at one moment of a cycle, or is noisier."
 )
 LATE_BY = 0.25
 """Rows by which a torque must act late for a twin to be tried with that."""

@@ -326,8 +326,10 @@ def _tells(law: PositionController, samples: LoopSamples) -> bool:
 
 def _said(law: PositionController, samples: LoopSamples) -> PositionController:
     """The law, with what is to be said of it."""
-    late = "" if samples.weight is None else f"{SLOW_ROWS} "
-    return replace(law, in_band=True, why=f"{late}{how_late(samples.period)} {BETWEEN}{HELD * law.held}")
+    rows = "" if samples.weight is None else SLOW_ROWS
+    late = how_late(samples.period, law.reference_delay, law.position_delay)
+    said = " ".join(text for text in (rows, late, BETWEEN) if text)
+    return replace(law, in_band=True, why=f"{said}{HELD * law.held}")
 
 
 def _follows_by(samples: LoopSamples, acted: Floats) -> tuple[float, float]:

@@ -141,7 +141,7 @@ def _planned(samples: LoopSamples, late: PositionController) -> PositionControll
     without = _solved_where(other, planner_rows(shown), terms, late.derivative_filter).explained
     if not exact or 1.0 - found.explained >= WORTH_DELAYS * (1.0 - without) or found.kp <= 0.0:
         return None
-    why = f"{PLANNED} {how_late(samples.period)}" if rows else PLANNED
+    why = f"{PLANNED} {how_late(samples.period, rows, rows)}" if rows else PLANNED
     return replace(found, smooth=True, reference_delay=rows, position_delay=rows, why=why)
 
 
@@ -308,7 +308,7 @@ def _of_recursion(gains: list[float], period: float, delay: int) -> PositionCont
     kp = (now - summed - third) / (1.0 - memory)
     share = 1.0 - memory
     kd = (third - memory * kp) * period / share
-    why = f"{ROWS_LATE} {how_late(period)}" if delay else ROWS_LATE
+    why = f"{ROWS_LATE} {how_late(period, delay, delay)}" if delay else ROWS_LATE
     law = PositionController(
         kp, kd, summed / period, min(share, 1.0), explained=1.0, source="identified", why=why
     )
@@ -337,7 +337,7 @@ def plain_in_band(samples: LoopSamples) -> PositionController | None:
     law = fitted_pid(late_samples(banded, late, late), best.derivative_filter, cascaded=False)
     if law.explained <= samples.policy.controller_explains_in_band or min(law.kp, law.kd) <= 0.0:
         return None
-    why = how_late(samples.period) if late else ""
+    why = how_late(samples.period, late, late)
     return replace(law, reference_delay=late, position_delay=late, why=why)
 
 
@@ -345,7 +345,7 @@ def searched_late(samples: LoopSamples) -> PositionController:
     """The best of the laws whose reference and position come late; first roughly, over delays and filters."""
     r, y = _best_delays(first_look(samples))
     found = _best_filter(late_samples(samples, r, y), _fitted_late)
-    return replace(found, reference_delay=r, position_delay=y, why=how_late(samples.period))
+    return replace(found, reference_delay=r, position_delay=y, why=how_late(samples.period, r, y))
 
 
 def friction_fed_forward(samples: LoopSamples) -> Floats | None:
@@ -551,7 +551,7 @@ def _searched_smeared(
     _, (smoothing, share) = best(late, found[d][1], 0.01)
     smoothing, share = min(max(smoothing, _FILTERS[0]), 1.0), min(max(share, 0.0), MOST_SMEARED)
     law = fitted_pid(smeared_samples(late, share), smoothing, cascaded=False)
-    why = how_late(samples.period) if d else ""
+    why = how_late(samples.period, d, d)
     return replace(law, reference_delay=d, position_delay=d, smeared=share, why=why)
 
 
@@ -600,9 +600,19 @@ def first_look(samples: LoopSamples) -> LoopSamples:
     )
 
 
-def how_late(period: float) -> str:
-    """What is said of a law whose reference or position comes late; the period in s."""
+def how_late(period: float, reference: int, position: int) -> str:
+    """What is said of a law whose reference or position comes so many samples late; "" of neither. The period in s."""
+    named = {"reference": reference, "position": position}
+    seen = " and ".join(f"its {name} {_samples(rows, period)}" for name, rows in named.items() if rows)
+    if reference == position:
+        seen = f"reference and position {_samples(reference, period)}"
+    if not (reference or position):
+        return ""
     return (
-        "The controller was identified with its reference or position late by whole samples, as a host with dead time "
-        f"or a drive that interpolates its set points has it ({1e3 * period:.3g} ms a sample)."
+        f"The controller was identified with {seen} late, as a host with dead time or a drive that interpolates its "
+        "set points has it."
     )
+
+
+def _samples(rows: int, period: float) -> str:
+    return f"{rows} sample{'s' * (rows != 1)} ({1e3 * rows * period:.3g} ms)"
