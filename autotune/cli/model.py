@@ -62,7 +62,7 @@ def fit(
         _check_folder(path)
     names = [name.strip() for name in effects.split(",") if name.strip()]
     read = _read(recordings)
-    with one_bar("fit", FIT_STEPS) as step:
+    with one_bar("fit", FIT_STEPS, _rows(read)) as step:
         result = autotune.fit(
             read, effects=names, precision=precision, progress=step, source=_source(recordings)
         )
@@ -141,7 +141,7 @@ def diagnose(
     known = read_model(model_file)
     read = _read(recordings)
     take_laws(model_file, read)
-    with one_bar("diagnose", DIAGNOSE_STEPS) as step:
+    with one_bar("diagnose", DIAGNOSE_STEPS, _rows(read)) as step:
         result = autotune.diagnose(read, known, progress=step)
     if html is not None:
         result.write_html(html)
@@ -190,7 +190,7 @@ def add(
     given = known
     read = _read(recordings)
     take_laws(model_file, read)
-    with one_bar(f"add {', '.join(effects)}", ADD_STEPS * len(effects)) as step:
+    with one_bar(f"add {', '.join(effects)}", ADD_STEPS * len(effects), len(effects) * _rows(read)) as step:
         for effect in effects:
             result = autotune.add_effect(effect, read, known, progress=step, source=_source(recordings))
             if not result.better:
@@ -313,6 +313,10 @@ def _read(paths: list[Path]) -> list[Recording]:
     for remark in (remark for one in read for remark in one.metadata.remarks):
         say(remark)
     return read
+
+
+def _rows(recordings: list[Recording]) -> int:
+    return sum(len(one) for one in recordings)
 
 
 def _joined(recordings: list[Recording]) -> Recording:

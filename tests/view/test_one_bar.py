@@ -16,3 +16,14 @@ def test_many_steps_are_one_bar(capsys: pytest.CaptureFixture[str]) -> None:
     assert err.count("\n") <= 12
     assert "candidate" not in err
     assert "✓ diagnose" in err
+
+
+def test_what_is_left_goes_by_the_rows_and_by_long_steps(capsys: pytest.CaptureFixture[str]) -> None:
+    """Two masses take most of a slow diagnosis: as they begin the bar is not near its end."""
+    with one_bar("diagnose", 40, rows=500_000) as step:
+        for number in range(36):
+            step(f"candidate {number}")
+        step("motor and load fitted from elsewhere")
+    err = capsys.readouterr().err
+    assert "about 46 s in total" in err
+    assert "90 %" not in err
