@@ -74,9 +74,7 @@ RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0, EVE: 1.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
 AS_READ = "Rows are written late: positions are taken as the controller read them, told by its demand."
 FEEDS_FRICTION = "The controller feeds friction forward, "
-FRICTION_FED = (
-    FEEDS_FRICTION + "{:.3g} {} by the sign of its reference's speed; that was told by its demand."
-)
+FRICTION_FED = FEEDS_FRICTION + "{:.3g} {} by the sign of its reference's speed; that was told by its demand."
 _ASKED: Remembered[Floats] = Remembered(12)
 KNOWN_LAWS: Remembered[tuple[PositionController, ...]] = Remembered()
 KNOWN_FED: Remembered[Floats | None] = Remembered(4)
@@ -449,7 +447,8 @@ def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: P
         return recordings
     if not _of_all_rows(find_controller(replace(data, feedforward=data.feedforward + fed), policy)):
         return recordings
-    said = FRICTION_FED.format(float(np.max(np.abs(fed))), torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit))
+    unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
+    said = FRICTION_FED.format(float(np.max(np.abs(fed))), unit)
     edges = np.cumsum([len(recording) for recording in recordings])[:-1]
     told = []
     for recording, part in zip(recordings, np.split(data.feedforward + fed, edges), strict=True):

@@ -196,7 +196,7 @@ def test_behind_a_drive_whose_rows_are_written_late_slow_rows_tell_the_law() -> 
     fine = np.interp(time, time[::ticks] + period, wanted)
     share = 1.0 - np.exp(-rate * period / ticks)
     filtered = signal.lfilter(
-        [share], [1.0, share - 1.0], np.diff(fed * fine - place, prepend=0.0) * ticks / period
+        [share], [1.0, share - 1.0], np.diff(fine - place, prepend=0.0) * ticks / period
     )
     error = fine - place
     torque = gains[0] * error + gains[1] * filtered + gains[2] * np.cumsum(error) * period / ticks
