@@ -262,10 +262,13 @@ def _behind_the_chain(
 
 
 def _turns_at_rows(compared: Compared) -> bool:
-    """Whether the torque is that of the rows' moments of a drive whose fed rate turns there."""
+    """Whether the torque is that of the rows' moments of a drive whose fed rate turns there, and more than noise is
+    left to half."""
     law = compared.problem.controller
-    fed = law is not None and (law.reference_rate != 0.0 or law.velocity_feedforward != 0.0)
-    return law is not None and law.within and not law.smooth and law.taken in (MOMENT, EVE) and fed
+    if law is None or compared.noise_floor_rms > POLICY.partly * compared.error_rms:
+        return False
+    fed = law.reference_rate != 0.0 or law.velocity_feedforward != 0.0
+    return law.within and not law.smooth and law.taken in (MOMENT, EVE) and fed
 
 
 def _beside(result: FitResult) -> bool:

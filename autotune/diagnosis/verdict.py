@@ -226,7 +226,7 @@ def _unknown(facts: Facts) -> str:
     text = unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
     if facts.chosen is not None or facts.overlooked is None:
         return text
-    return f"{text} {nearest(facts.problem, facts.evidence, facts.root, facts.overlooked).capitalize()}"
+    return f"{text} {nearest(facts.problem, facts.evidence, facts.root, facts.overlooked, facts.tried).capitalize()}"
 
 
 def _outdone(facts: Facts) -> str:
@@ -264,7 +264,7 @@ def _breathing(facts: Facts) -> str:
 
 
 def _nothing(facts: Facts) -> str:
-    return nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
+    return nothing_note(facts.problem, facts.evidence, facts.root, facts.first, facts.tried)
 
 
 def _contrary(facts: Facts) -> str:

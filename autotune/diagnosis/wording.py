@@ -295,7 +295,11 @@ def left_out_note(problem: Problem, root: ModelFit) -> tuple[str, ...]:
 
 
 def nothing_note(
-    problem: Problem, evidence: Evidence, root: ModelFit, first: Sequence[ScreenedCandidate]
+    problem: Problem,
+    evidence: Evidence,
+    root: ModelFit,
+    first: Sequence[ScreenedCandidate],
+    tried: Sequence[FittedCandidate],
 ) -> str:
     """Where nothing is missing: the share of the torque that stays unexplained, and what stopped the best candidate."""
     share = rms_unexplained(problem, root)
@@ -306,15 +310,24 @@ def nothing_note(
     best = max(first, key=lambda item: item.gain, default=None)
     if best is None or best.gain <= 0.0:
         return text + "; no candidate lowers it on unseen experiments."
-    return f"{text}; {nearest(problem, evidence, root, best)}"
+    return f"{text}; {nearest(problem, evidence, root, best, tried)}"
 
 
-def nearest(problem: Problem, evidence: Evidence, root: ModelFit, best: ScreenedCandidate) -> str:
-    """The candidate that gains most, and what stopped it."""
-    gate = evidence.stopped_by(problem, root, best) or "refuted or not borne out inside the twin"
+def nearest(
+    problem: Problem,
+    evidence: Evidence,
+    root: ModelFit,
+    best: ScreenedCandidate,
+    tried: Sequence[FittedCandidate],
+) -> str:
+    """The candidate that gains most, and what stopped it: as it was fitted where it was, as among the candidates."""
+    gate, gain = evidence.stopped_by(problem, root, best), best.gain
+    fitted = next((item for item in tried if item.effect == best.effect), None)
+    if not gate and fitted is not None:
+        gate, gain = f"inside the twin it {evidence.explains(fitted)}", fitted.gain
     name = best.effect.replace("_", " ")
-    gain = f"gain {100 * best.gain:.1f} % on unseen experiments"
-    return f"{name} comes nearest, {gain}, and is not taken: {gate}."
+    gate = gate or "refuted or not borne out inside the twin"
+    return f"{name} comes nearest, gain {100 * gain:.1f} % on unseen experiments, and is not taken: {gate}."
 
 
 def unknown_note(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -11,6 +12,7 @@ from autotune.core.errors import ConfigurationError, a_few
 from autotune.diagnosis.wording import (
     MOST_NAMES,
     PROGRAMME,
+    nearest,
     next_experiment,
     separating_experiment,
     torque_path_notes,
@@ -111,3 +113,27 @@ def test_a_chain_that_ends_at_its_limits_rules_out_no_lag(cycles: int, lag: floa
     path = {"cycles": cycles, "late": float(cycles), "upsampling": 1, "period": 1e-3, "lag": lag}
     notes = torque_path_notes(SimpleNamespace(**path, lag_error=7e-4, reading=None))
     assert any("not ruled out" in " ".join(note.split()) for note in notes) == asks
+
+
+@pytest.mark.parametrize(
+    ("stopped", "fits", "said"),
+    [
+        ("not in enough of them to be no chance", (), ("gain 13.4 %", "not in enough of them")),
+        ("", (), ("gain 13.4 %", "not borne out inside the twin")),
+        (
+            "",
+            (SimpleNamespace(effect="stribeck", gain=0.149),),
+            ("gain 14.9 %", "explains 97 %, 6 % on the veto"),
+        ),
+    ],
+)
+def test_the_candidate_that_comes_nearest_is_told_as_it_is_listed(stopped: str, fits, said) -> None:
+    """What was fitted inside the twin stands so among the candidates, and says more than a screening does."""
+    evidence: Any = SimpleNamespace(
+        stopped_by=lambda *_: stopped, explains=lambda _: "explains 97 %, 6 % on the veto trajectory"
+    )
+    nobody: Any = None
+    best: Any = SimpleNamespace(effect="stribeck", gain=0.134)
+    text = nearest(nobody, evidence, nobody, best, fits)
+    assert text.startswith("stribeck comes nearest, ")
+    assert all(part in text for part in said)
