@@ -32,9 +32,9 @@ def _autotune(folder: Path, *arguments: str) -> str:
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 RELATIVE, PERCENT = 0.085, 6.0
 """What printed numbers may move by: sums of floating point differ between processors, and noise amplifies them. Of one
-commit the last fit leaves 3.10 mN m (43 % less) by the linear algebra's kernels with AVX-512, and 3.31 (38 %) by those
-without, which refit the model before it once more (a line that is not shown). An uncertainty of two digits moves by
-one."""
+commit (7338c764) the last fit left 3.10 mN m (43 % less) by the linear algebra's kernels with AVX-512, and 3.31 (38 %)
+by those without, which refit the model before it once more (a line that is not shown). An uncertainty of two digits
+moves by one."""
 
 
 def _alike(shown: str, printed: str) -> bool:
