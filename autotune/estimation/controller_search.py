@@ -602,11 +602,12 @@ def first_look(samples: LoopSamples) -> LoopSamples:
 
 def how_late(period: float, reference: int, position: int) -> str:
     """What is said of a law whose reference or position comes so many samples late; "" of neither. The period in s."""
-    named = {"reference": reference, "position": position}
-    seen = " and ".join(f"its {name} {_samples(rows, period)}" for name, rows in named.items() if rows)
     if reference == position:
-        seen = f"reference and position {_samples(reference, period)}"
-    if not (reference or position):
+        late = {"reference and position": reference}
+    else:
+        late = {"its reference": reference, "its position": position}
+    seen = " and ".join(f"{name} {_samples(rows, period)}" for name, rows in late.items() if rows)
+    if not seen:
         return ""
     return (
         f"The controller was identified with {seen} late, as a host with dead time or a drive that interpolates its "

@@ -197,6 +197,8 @@ def test_a_law_that_sees_its_inputs_late_is_found_with_its_delays(
     assert found.explained > 0.99999
     assert (found.kp, found.kd, found.ki) == pytest.approx((40.0, 0.2, 900.0), rel=0.02)
     assert f"{reference_delay} sample" in found.why
+    if position_delay != reference_delay:
+        assert (f"its position {position_delay} sample" in found.why) == (position_delay > 0)
 
 
 def test_delays_are_told_where_the_filter_lies_between_those_that_are_tried() -> None:
