@@ -17,6 +17,7 @@ from autotune.diagnosis.evidence.torque_path import (
     is_recorded_late,
     recorded_late,
     recorded_otherwise,
+    sees_a_row_sooner,
     without_rounding,
 )
 from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
@@ -144,8 +145,11 @@ def begin(
 def notes_after(notes: tuple[str, ...], before: Problem, after: Problem) -> tuple[str, ...]:
     """What was said at the beginning of a diagnosis, as it is where a twin was told beside what was found.
 
-    Or where a torque turned out to act a cycle after the row that it was taken to be too late for.
+    Or where a torque turned out to be recorded a sample late, or to act a cycle after the row that it was taken to be
+    too late for.
     """
+    if sees_a_row_sooner(before, after):
+        notes = (*notes, LATE_RECORD)
     if after.data.cycles > 0:
         notes = tuple(note for note in notes if note != LATE_RECORD)
     if before.twin or not after.twin:

@@ -15,7 +15,13 @@ from autotune.diagnosis.candidates import (
     error_left,
 )
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
-from autotune.diagnosis.evidence.torque_path import late_anew, recorded_otherwise, without_long_lag
+from autotune.diagnosis.evidence.torque_path import (
+    is_recorded_late,
+    late_anew,
+    recorded_late,
+    recorded_otherwise,
+    without_long_lag,
+)
 from autotune.diagnosis.free_shape import rather_a_spring, without_own_course
 from autotune.diagnosis.refits import (
     REFINED,
@@ -24,6 +30,7 @@ from autotune.diagnosis.refits import (
     in_quieter_twin,
     inside_twin,
     refined,
+    settled_in,
     unsettled,
     with_contact,
     with_own_noise,
@@ -44,6 +51,7 @@ from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, fit_inside_twin
 from autotune.estimation.model_error import told_beside
 from autotune.models.spring import SPRING
 from autotune.models.table import EFFECTS
+from autotune.models.torque_lag import IS_LATE
 from autotune.models.transmission import has_load
 
 TIMES_SCATTERED, WORTH_SCATTERING = 3, 0.95
@@ -65,7 +73,7 @@ def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     true = without_reading_waves(state.problem, best.model_fit)
     if true is not None:
         best = state.moved(true, best)
-    best = _recorded_otherwise(state, _aligned(state, best))
+    best = _recorded_late(state, _recorded_otherwise(state, _aligned(state, best)))
     if not state.evidence.repeats:
         best = with_contact(state.problem, state.root, best)
     if state.evidence.repeats and unsettled(state.problem, best):
@@ -78,6 +86,8 @@ def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
         if best.share < REFINED:
             best = other_contact_tried(state.problem, state.root, best, state.progress)
         best = _late_beside(state, _told_beside(state, best))
+    elif state.evidence.repeats and state.more_to_explain(best.model_fit):
+        best = _told_beside(state, best)
     if state.evidence.repeats:
         best = _other_spring(state, best)
     if state.evidence.repeats and (best.plain_share < REFINED or state.more_to_explain(best.model_fit)):
@@ -251,6 +261,31 @@ def _recorded_otherwise(state: SearchState, best: FittedCandidate) -> FittedCand
     return _kept(state, best, least, lambda: state.moved(again, replace(best, model_fit=settled)))
 
 
+def _recorded_late(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """The best candidate with its torque taken as recorded a sample late, where that is told beside it.
+
+    It was asked beside a model that lacked the candidate, and what was missing left as much in either loop. A lag in
+    the loop undoes a row that is taken so.
+    """
+    problem, law, model_fit = state.problem, state.problem.controller, best.model_fit
+    exact = law is not None and law.exact and not model_fit.fitted.packed.on[IS_LATE]
+    if not exact or not state.evidence.repeats or not state.more_to_explain(model_fit):
+        return best
+    sooner = recorded_late(problem)
+    there = settled_in(sooner, model_fit) if sooner is not None else None
+    if there is None or not is_recorded_late(problem, model_fit.fitted, there[0], there[1].fitted):
+        return best
+    state.progress("a torque that was recorded a sample late")
+    again, settled = there
+
+    def moved() -> FittedCandidate:
+        late = state.moved(again, replace(best, model_fit=settled))
+        state.problem, late = with_own_noise(state.problem, state.root, late)
+        return late
+
+    return _kept(state, best, model_fit.fitted.cost, moved)
+
+
 def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
     """The model with the course of its last effect free, where its own law leaves a part unexplained.
 
@@ -277,7 +312,7 @@ def _others_freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidat
     By itself none of them explained enough to tell its course, or what was missing hid it.
     """
     for effect in chosen.model_fit.effects:
-        if chosen.named:
+        if chosen.named and not (state.evidence.repeats and state.more_to_explain(chosen.model_fit)):
             break
         if effect == chosen.effect or effect in state.freed:
             continue

@@ -11,10 +11,15 @@ import pytest
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis import baseline
+from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.compare import compare
+from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.torque_path import LATE_RECORD, is_recorded_late
 from autotune.diagnosis.fit_recordings import fit_recordings
+from autotune.diagnosis.refits import judged
+from autotune.diagnosis.rounds import SearchState
+from autotune.diagnosis.settling import _recorded_late
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.controller import as_acted, as_recorded, by_sensor_compared, controller_of
 from autotune.estimation.controller_law import PositionController
@@ -22,7 +27,8 @@ from autotune.estimation.data import TRAINING, Block, Prepared
 from autotune.estimation.model_error import with_misfit
 from autotune.estimation.problem import new_problem
 from autotune.models import layout
-from autotune.models.drive_model import base_model
+from autotune.models.drive_model import Packed, base_model
+from autotune.models.torque_lag import IS_LATE
 from autotune.recordings.recording import Recording
 from autotune.signals.between_samples import delayed
 from tests.estimation.simulated import AXIS, PERIOD, TRUE, followed, recorded
@@ -212,6 +218,29 @@ def test_the_other_row_is_taken_where_it_is_asked_for(late: int) -> None:
     told, other = (baseline.begin(data, base_model(AXIS), contrary=contrary) for contrary in (False, True))
     assert (LATE_RECORD in told[3], LATE_RECORD in other[3]) == (bool(late), not late)
     assert told[1].fitted.cost < other[1].fitted.cost
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0, 1])
+def test_the_row_is_told_again_beside_what_was_found(late: int) -> None:
+    """A torque that was recorded a sample late, and that the model without the effect was told of otherwise."""
+    law = TRUE if late else replace(TRUE, kp=3.0, ki=30.0, reference_delay=1, position_delay=1)
+    data = prepared_to_fit([_twice(law, PERIOD, late=late)])
+    problem, root, nominal, notes = baseline.begin(data, base_model(AXIS), contrary=bool(late))
+    assert LATE_RECORD not in notes
+    state = SearchState(problem, root, nominal, no_progress, evidence_of(data))
+    found = judged(problem, root, root, "stribeck")
+    best = _recorded_late(state, found)
+    told = baseline.notes_after(notes, problem, state.problem)
+    assert (best is found) is not bool(late)
+    assert (LATE_RECORD in told) is bool(late)
+    assert best.model_fit.fitted.cost <= root.fitted.cost
+    on = root.fitted.packed.on.copy()
+    on[IS_LATE] = True  # a lag in the loop undoes it
+    packed = Packed(root.fitted.packed.p, on)
+    lags = replace(found, model_fit=replace(root, fitted=replace(root.fitted, packed=packed)))
+    state = SearchState(problem, root, nominal, no_progress, evidence_of(data))
+    assert _recorded_late(state, lags) is lags
 
 
 def _written_late(law: PositionController, period: float) -> Recording:

@@ -331,6 +331,12 @@ def recorded_late(problem: Problem) -> Problem | None:
     return _with(replace(problem, controller=replace(law.sooner(), why="")), a_row_sooner(problem.data))
 
 
+def sees_a_row_sooner(before: Problem, after: Problem) -> bool:
+    """Whether a torque that was taken at its own row `before` is taken as recorded a sample late."""
+    late, law = recorded_late(before), after.controller
+    return late is not None and law is not None and law.exact and after.data.shift == late.data.shift
+
+
 def is_recorded_late(problem: Problem, prompt: Fitted, late: Problem, fitted: Fitted) -> bool:
     """Whether a torque was recorded a sample late, of one model that was fitted without that and with it.
 
