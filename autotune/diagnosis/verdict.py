@@ -59,7 +59,7 @@ from autotune.diagnosis.wording import (
     unknown_note,
 )
 from autotune.estimation.bandwidth import prepared_both
-from autotune.estimation.bias_corrected_fit import ModelFit, unseen_error
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin, unseen_error
 from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance_estimate import with_counts
@@ -196,18 +196,33 @@ def _searched(
 
     `contrary`: see `begin`.
     """
-    base, first, beside = model, True, None
+    earlier: Found | None = None
+    said: tuple[str, ...] = ()
+    base = model
     while True:
         problem, root, nominal, notes = begin(data, base, progress, policy=policy, contrary=contrary)
         problem = with_misfit(with_counts(problem, root.fitted.packed))
         if candidates is not None:
             problem = replace(problem, candidates=tuple(candidates))
-        found = search(problem, root, nominal, progress, first, beside)
+        beside = earlier.beside if earlier is not None else None
+        if earlier is not None and beside is not None and _leaves_more(problem, beside):
+            problem, root, notes = earlier.problem, earlier.root, said
+        found = search(problem, root, nominal, progress, earlier is None, beside)
         if found.begin_again is None:
             break
-        base, first, beside = model_from(model, found.begin_again, found.root.free), False, found.beside
+        earlier, said = found, notes_after(notes, problem, found.problem)
+        base = model_from(model, found.begin_again, found.root.free)
     told = told_of_base(found.root.fitted.packed, model.pack(), model.motion_unit, found.presliding is None)
     return replace(found, base=told), nominal, notes_after(notes, problem, found.problem)
+
+
+def _leaves_more(problem: Problem, beside: ModelFit) -> bool:
+    """Whether a search that begins again leaves more beside what was found than the one before it: as that, it goes on.
+
+    What it begins with is told by a model that lacks what was found, as it was before.
+    """
+    again = fit_inside_twin(problem, beside.fitted.packed, list(beside.free), 2, beside.effects)
+    return again is None or beside.fitted.cost < problem.policy.clearly_less * again.fitted.cost
 
 
 @dataclass(frozen=True, slots=True)
