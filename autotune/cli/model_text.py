@@ -56,7 +56,7 @@ def diagnosis_lines(result: DiagnosisResult) -> Iterator[str]:
     for rivals in result.confusable:
         yield f"cannot be told apart for certain: {', '.join(rivals)}"
     yield "candidates, by how far the squared error falls on unseen experiments:"
-    ranked = sorted(result.candidates, key=lambda item: -item.gain)
+    ranked = sorted(result.candidates, key=lambda item: (not item.accepted, -item.gain))
     for c in (*ranked[:MOST_ROWS], *(item for item in ranked[MOST_ROWS:] if item.accepted)):
         mark = "*" if c.accepted else " "
         yield f" {mark} {c.effect:<27} {100 * c.gain:6.1f} %  {c.why}"

@@ -118,9 +118,9 @@ CYCLES_OR_LAG = (
     "gains."
 )
 MOVED = (
-    "The torque acts {late:.2g} ms after the moment that it is taken to be recorded at. A current loop or a filter of "
-    "the demand is late so, and so is a row that is read sooner: nothing tells which it is. It is no effect of the "
-    "axis beyond doubt, and taken out."
+    "The axis answers {late:.2g} ms after the torque that is recorded. A current loop or a filter between demand "
+    "and torque is late so, and so is a torque that is read sooner than its row: nothing in these data tells which it "
+    "is. It is no effect of the axis beyond doubt, and taken out."
 )
 DELAYED = (
     "A dead time, as a host, a bus and a drive's input may have it, does as well as this lag: it delays the torque and "
@@ -205,7 +205,7 @@ def candidate_rows(
     tried: Sequence[FittedCandidate],
     effects: Sequence[str],
 ) -> tuple[Candidate, ...]:
-    """One row for every candidate."""
+    """One row for every candidate, those that were taken first."""
     count = max(float(problem.training.sum()), 1.0)
     before = math.sqrt(root.unseen.total / count)
     fits = {item.effect: item for item in tried}
@@ -216,7 +216,7 @@ def candidate_rows(
         after = before * math.sqrt(max(1.0 - gain, 0.0))
         text = why(problem, evidence, root, item, fits, effects)
         table.append(Candidate(item.effect, gain, before, after, accepted, text, _taken(root, item, fits)))
-    return tuple(table)
+    return tuple(sorted(table, key=lambda one: not one.accepted))
 
 
 def _taken(root: ModelFit, item: ScreenedCandidate, fits: Mapping[str, FittedCandidate]) -> Floats:

@@ -69,7 +69,7 @@ ROWS_LATE = "Rows are written late: the controller was identified by those that 
 PLANNED = (
     "The controller feeds forward what its planner knows of each row: its rate, its acceleration, or both."
 )
-IN_BAND = "It was found below {:.0f} Hz: what the drive does between the samples is left out."
+IN_BAND = "The controller was found below {:.0f} Hz: what the drive does between the samples is left out."
 TURNS_OVER = (1e-5, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 """Of the reference's top speed: over which friction that is fed forward turns, from a plain sign to what hardly differs
 from a velocity feedforward."""
@@ -112,9 +112,8 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         return found
     banded = searched_late(in_band(wandering))
     if banded.explained > samples.policy.controller_explains_in_band and banded.kp > 0.0:
-        return replace(
-            banded, why=f"{banded.why} {IN_BAND.format(compared_below(samples.period))}", in_band=True
-        )
+        said = IN_BAND.format(compared_below(samples.period))
+        return replace(banded, why=f"{banded.why} {said}".strip(), in_band=True)
     return replace(found, source="none")
 
 

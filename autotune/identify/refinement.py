@@ -280,7 +280,10 @@ def _estimate(refined: Refined, counts: Counts) -> Estimate:
         notes.append("the refinement has not converged; take the intervals with care")
     if refined.twin < 1.0:
         share = f"{100 * (1 - refined.twin):.0f} %"
-        notes.append(f"no closed loop twin for {share} of the data; biases of filters remain there")
+        notes.append(
+            f"no closed loop twin for {share} of the data: what filters and rows far apart do to inertia and viscous "
+            "friction remains there, and the intervals do not hold it"
+        )
     if counts.share > COUNTED:
         notes.append(
             f"the encoder is coarse for this motion: its counts make {100 * counts.share:.2g} % of the acceleration, "

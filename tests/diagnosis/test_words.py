@@ -91,7 +91,7 @@ def test_a_screws_turn_is_no_line_of_an_encoder(resolution: float, lines: bool) 
     [
         (1, 2, 2.0, "as one that goes over a bus does"),
         (4, 2, 2.0, "no effect that these data tell from a bus"),
-        (4, 0, 0.3, "acts 0.3 ms after the moment"),
+        (4, 0, 0.3, "answers 0.3 ms after the torque that is recorded"),
         (4, 0, -0.3, ""),
     ],
     ids=["a host", "a drive's own loop", "a part of a sample", "told late"],
