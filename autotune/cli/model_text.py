@@ -55,7 +55,7 @@ def diagnosis_lines(result: DiagnosisResult) -> Iterator[str]:
         yield f"  what to do: {kind.remedy}"
     for rivals in result.confusable:
         yield f"cannot be told apart for certain: {', '.join(rivals)}"
-    yield "candidates, by how far the squared error falls on unseen experiments:"
+    yield "candidates, those that were taken first, by how far the squared error falls on unseen experiments:"
     ranked = sorted(result.candidates, key=lambda item: (not item.accepted, -item.gain))
     for c in (*ranked[:MOST_ROWS], *(item for item in ranked[MOST_ROWS:] if item.accepted)):
         mark = "*" if c.accepted else " "

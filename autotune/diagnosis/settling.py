@@ -317,8 +317,12 @@ def _others_freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidat
         if effect == chosen.effect or effect in state.freed:
             continue
         shaped = state.shaped(replace(chosen, effect=effect))
-        if shaped is not None:
-            chosen = replace(shaped, effect=chosen.effect)
+        if shaped is None:
+            continue
+        if chosen.named and not shaped.named:  # no better law is worth a name
+            state.freed.pop(effect, None)
+            continue
+        chosen = replace(shaped, effect=chosen.effect)
     return chosen
 
 

@@ -812,6 +812,25 @@ def test_courses_of_those_before_are_freed_while_something_is_left(
     assert seen == (["spring"] if asked else [])
 
 
+@pytest.mark.parametrize("still", [True, False])
+def test_a_course_that_costs_the_name_is_not_taken(still: bool) -> None:
+    model_fit: Any = SimpleNamespace(effects=("spring", "torque_ripple"))
+    chosen = FittedCandidate("torque_ripple", model_fit, 0.5, Explained(1.0, 0.01), None, named=True)
+    other = FittedCandidate("spring", model_fit, 0.6, Explained(1.0, 0.005), None, named=still)
+    freed: dict[str, bool] = {}
+
+    def shaped(item: FittedCandidate) -> FittedCandidate:
+        freed[item.effect] = item.named
+        return other
+
+    state: Any = SimpleNamespace(
+        evidence=SimpleNamespace(repeats=True), freed=freed, shaped=shaped, more_to_explain=lambda _: True
+    )
+    found = settling._others_freed(state, chosen)
+    assert (found.effect, found.gain) == ("torque_ripple", 0.6 if still else 0.5)
+    assert freed == ({"spring": True} if still else {})
+
+
 @pytest.mark.parametrize(
     ("again", "goes_on"),
     [
