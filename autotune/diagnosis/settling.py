@@ -307,9 +307,10 @@ def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
 
 
 def _others_freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
-    """The same with the courses of those before it free, while together they explain less than a name asks.
+    """The same with the courses of those before it free, while they have no name together, or leave more beyond doubt.
 
-    By itself none of them explained enough to tell its course, or what was missing hid it.
+    By itself none of them explained enough to tell its course, or what was missing hid it. A course that costs the name
+    is not taken.
     """
     for effect in chosen.model_fit.effects:
         if chosen.named and not (state.evidence.repeats and state.more_to_explain(chosen.model_fit)):
@@ -319,7 +320,7 @@ def _others_freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidat
         shaped = state.shaped(replace(chosen, effect=effect))
         if shaped is None:
             continue
-        if chosen.named and not shaped.named:  # no better law is worth a name
+        if chosen.named and not shaped.named:
             state.freed.pop(effect, None)
             continue
         chosen = replace(shaped, effect=chosen.effect)
