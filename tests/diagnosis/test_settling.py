@@ -1,0 +1,116 @@
+"""What was settled before an effect was found is asked again: courses of the others, where a search begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from autotune.diagnosis import settling, verdict
+from autotune.diagnosis.candidates import FittedCandidate
+from autotune.diagnosis.search import Found
+from autotune.estimation.cross_validation import Explained
+from autotune.estimation.policy import POLICY, Policy
+
+
+@pytest.mark.parametrize(
+    ("named", "repeats", "left", "asked"),
+    [
+        (False, True, False, True),
+        (True, True, True, True),  # what has a name may be told better
+        (True, True, False, False),
+        (True, False, True, False),  # of one trajectory nothing says that anything is left
+    ],
+)
+def test_courses_of_those_before_are_freed_while_something_is_left(
+    named: bool, repeats: bool, left: bool, asked: bool
+) -> None:
+    model_fit: Any = SimpleNamespace(effects=("spring", "torque_ripple"))
+    chosen = FittedCandidate("torque_ripple", model_fit, 0.5, Explained(1.0, 0.01), None, named)
+    seen: list[str] = []
+
+    def shaped(item: FittedCandidate) -> None:
+        seen.append(item.effect)
+
+    state: Any = SimpleNamespace(
+        evidence=SimpleNamespace(repeats=repeats), freed={}, shaped=shaped, more_to_explain=lambda _: left
+    )
+    assert settling._others_freed(state, chosen) is chosen
+    assert seen == (["spring"] if asked else [])
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_a_course_that_costs_the_name_is_not_taken(still: bool) -> None:
+    model_fit: Any = SimpleNamespace(effects=("spring", "torque_ripple"))
+    chosen = FittedCandidate("torque_ripple", model_fit, 0.5, Explained(1.0, 0.01), None, named=True)
+    other = FittedCandidate("spring", model_fit, 0.6, Explained(1.0, 0.005), None, named=still)
+    freed: dict[str, bool] = {}
+
+    def shaped(item: FittedCandidate) -> FittedCandidate:
+        freed[item.effect] = item.named
+        return other
+
+    state: Any = SimpleNamespace(
+        evidence=SimpleNamespace(repeats=True), freed=freed, shaped=shaped, more_to_explain=lambda _: True
+    )
+    found = settling._others_freed(state, chosen)
+    assert (found.effect, found.gain) == ("torque_ripple", 0.6 if still else 0.5)
+    assert freed == ({"spring": True} if still else {})
+
+
+@pytest.mark.parametrize(
+    ("again", "goes_on"),
+    [
+        (1.5, True),  # what it begins with anew is told without what was found, and leaves more beside that
+        (1.1, False),  # by chance
+        (0.5, False),
+        (None, True),  # no twin is stable there
+    ],
+)
+def test_a_search_that_begins_again_is_no_worse_beside_what_was_found(
+    monkeypatch: pytest.MonkeyPatch, again: float | None, goes_on: bool
+) -> None:
+    """A law that was told anew left 1.6 times as much beside a motor that saturates as the one before."""
+
+    def fit(cost: float) -> Any:
+        return SimpleNamespace(fitted=SimpleNamespace(cost=cost, packed="packed"), free=(), effects=())
+
+    begun, asked = iter(["first", "second"]), []
+
+    def begin(*_: Any, **__: Any) -> tuple[Any, ...]:
+        name = next(begun)
+        return Beginning(name), fit(1.0), None, (name,)
+
+    def search(problem: Any, *_: Any) -> Found:
+        asked.append(problem.name)
+        last = len(asked) == 2
+        seen = Beginning("led on" if not last else problem.name)
+        found: Any = (seen, fit(1.0), None, (), (), {})
+        return Found(*found, begin_again=None if last else "packed", beside=None if last else fit(1.0))  # type: ignore[arg-type]
+
+    for name, told in {
+        "begin": begin,
+        "search": search,
+        "with_counts": lambda problem, _: problem,
+        "with_misfit": lambda problem: problem,
+        "notes_after": lambda notes, *_: notes,
+        "model_from": lambda model, *_: model,
+        "told_of_base": lambda *_: (),
+        "fit_inside_twin": lambda *_: None if again is None else fit(again),
+    }.items():
+        monkeypatch.setattr(verdict, name, told)
+    model: Any = SimpleNamespace(pack=lambda: None, motion_unit="rad")
+    data: Any = None
+    _, _, notes = verdict._searched(data, model, lambda _: None, POLICY, None)
+    assert asked == ["first", "led on" if goes_on else "second"]
+    assert notes == (("first",) if goes_on else ("second",))
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """What a search begins with."""
+
+    name: str
+    policy: Policy = POLICY
