@@ -55,9 +55,10 @@ def diagnosis_lines(result: DiagnosisResult) -> Iterator[str]:
         yield f"  what to do: {kind.remedy}"
     for rivals in result.confusable:
         yield f"cannot be told apart for certain: {', '.join(rivals)}"
-    yield "candidates, those that were taken first, by how far the squared error falls on unseen experiments:"
-    ranked = sorted(result.candidates, key=lambda item: (not item.accepted, -item.gain))
-    for c in (*ranked[:MOST_ROWS], *(item for item in ranked[MOST_ROWS:] if item.accepted)):
+    yield "candidates, accepted ones first, by how far the squared error falls on unseen experiments:"
+    for rank, c in enumerate(result.candidates):
+        if rank >= MOST_ROWS and not c.accepted:
+            break
         mark = "*" if c.accepted else " "
         yield f" {mark} {c.effect:<27} {100 * c.gain:6.1f} %  {c.why}"
     if math.isfinite(result.noise_floor_rms):

@@ -205,7 +205,7 @@ def candidate_rows(
     tried: Sequence[FittedCandidate],
     effects: Sequence[str],
 ) -> tuple[Candidate, ...]:
-    """One row for every candidate, those that were taken first."""
+    """One row for every candidate: those that were taken first, then by gain."""
     count = max(float(problem.training.sum()), 1.0)
     before = math.sqrt(root.unseen.total / count)
     fits = {item.effect: item for item in tried}
@@ -216,7 +216,7 @@ def candidate_rows(
         after = before * math.sqrt(max(1.0 - gain, 0.0))
         text = why(problem, evidence, root, item, fits, effects)
         table.append(Candidate(item.effect, gain, before, after, accepted, text, _taken(root, item, fits)))
-    return tuple(sorted(table, key=lambda one: not one.accepted))
+    return tuple(sorted(table, key=lambda one: (not one.accepted, -one.gain)))
 
 
 def _taken(root: ModelFit, item: ScreenedCandidate, fits: Mapping[str, FittedCandidate]) -> Floats:

@@ -34,8 +34,9 @@ def diagnosis_pictures(findings: Findings, motion_unit: str) -> list[Picture]:
     found = findings.diagnosed
     if found is None or not found.candidates:
         return []
-    judged = sorted(found.candidates, key=lambda c: -float(c["gain"]))[:SHOWN]
-    ranks = [Rank(c["effect"], c["gain"], c["accepted"], c["why"]) for c in judged if c["gain"] > HARMFUL]
+    ranks = [
+        Rank(c["effect"], c["gain"], c["accepted"], c["why"]) for c in found.candidates if c["gain"] > HARMFUL
+    ]
     caption = (
         "How far each effect lowers the squared torque error on experiments that its fit has not seen."
         f"{_NOT_GIVEN if findings.given else ''}"

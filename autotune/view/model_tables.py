@@ -80,11 +80,14 @@ def candidates_table(result: Diagnosis, unit: str) -> Table:
             "accepted" if one.accepted else "not accepted",
             one.why,
         ]
-        for one in sorted(result.candidates, key=lambda item: -item.gain)
+        for one in result.candidates
     ]
     rivals = [f"Cannot be told apart for certain: {', '.join(one)}." for one in result.confusable]
     note = " ".join(
-        ["How far the squared error falls on experiments that the fit has not seen.", *rivals]
+        [
+            "How far the squared error falls on experiments that the fit has not seen; accepted ones first.",
+            *rivals,
+        ]
     ).replace("_", " ")
     return Table(
         "Candidates and their evidence", ("effect", "error falls by", "", "why"), rows, note, frozenset({1})

@@ -233,10 +233,9 @@ def characteristic(shown: SteadyState) -> Chart:
 
 
 def ranking(ranks: Sequence[Rank]) -> Bars:
-    """How far each candidate lowers the squared error on unseen data, best first; those that pass are coloured."""
-    best = sorted((rank for rank in ranks if np.isfinite(rank.gain)), key=lambda rank: -rank.gain)[
-        :MOST_RANKS
-    ]
+    """How far each candidate lowers the squared error on unseen data, accepted ones first, then the best."""
+    finite = (rank for rank in ranks if np.isfinite(rank.gain))
+    best = sorted(finite, key=lambda rank: (not rank.accepted, -rank.gain))[:MOST_RANKS]
     bars = tuple(
         Bar(
             rank.name.replace("_", " "),
@@ -248,7 +247,7 @@ def ranking(ranks: Sequence[Rank]) -> Bars:
     )
     return Bars(
         "What is missing: error on unseen data falls by",
-        "fall of the squared error [%]; green: accepted",
+        "fall of the squared error [%]; green, first: accepted",
         bars,
     )
 
