@@ -23,6 +23,7 @@ from autotune.core.arrays import Floats, Integers
 from autotune.core.remembered import LastOf
 from autotune.core.side_by_side import on_each
 from autotune.estimation.data import Prepared, filtered_motion
+from autotune.estimation.filters_in_lanes import motions_in_lanes
 from autotune.estimation.twin import started_torque
 from autotune.models import layout
 from autotune.models.compiled import compiled
@@ -109,9 +110,17 @@ def simulated_motions(data: Prepared, runs: Sequence[Simulated]) -> list[Motion]
     """Simulations through the same filters as the measurement."""
     if not runs:
         return []
+    return [one for first in range(0, len(runs), WIDTH) for one in _motions(data, runs[first : first + WIDTH])]
+
+
+def _motions(data: Prepared, runs: Sequence[Simulated]) -> list[Motion]:
+    """`simulated_motions` of up to eight."""
     positions = [run.position for run in runs]
-    parts = filtered_motion(positions, data.stretches, data.period, data.motion_cutoff)
-    return [Motion(run.torque, *moved) for run, *moved in zip(runs, *parts, strict=True)]
+    spans = [(stretch.start, stretch.stop) for stretch in data.stretches]
+    parts = motions_in_lanes(positions, data.period, data.motion_cutoff, spans) if len(runs) > 1 else None
+    if parts is None:
+        parts = filtered_motion(positions, data.stretches, data.period, data.motion_cutoff)
+    return [Motion(run.torque, *moved) for run, *moved in zip(runs, *parts, strict=False)]
 
 
 def compared_motion(data: Prepared, run: Simulated) -> Motion:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -30,11 +31,28 @@ def low_pass(values: Floats, cutoff: float, period: float) -> Floats:
 
 def _smooth_within(rows: Floats, first: int, last: int, cutoff: float, period: float) -> None:
     """`low_pass` in place, of a span of rows of shape (k, n) by itself."""
-    if cutoff * period >= 0.45 or last - first < 4:
+    found = low_pass_of(cutoff, period)
+    if found is None or last - first < 4:
         return
-    padding = min(last - first - 1, round(2.0 / (cutoff * period)))
-    sections, rest = _sections(round(2.0 * cutoff * period, 12))
-    _forward_and_backward(sections, rest, padding, rows, first, last)
+    padding = min(last - first - 1, found.padding)
+    _forward_and_backward(found.sections, found.rest, padding, rows, first, last)
+
+
+class LowPass(NamedTuple):
+    """Second-order sections, shape (2, 6), their state at rest at a constant input of 1, shape (2, 2), and the samples
+    by which values are continued at both ends.
+    """
+
+    sections: Floats
+    rest: Floats
+    padding: int
+
+
+def low_pass_of(cutoff: float, period: float) -> LowPass | None:
+    """What `low_pass` filters with; None where the cut-off leaves values as they are."""
+    if cutoff * period >= 0.45:
+        return None
+    return LowPass(*_sections(round(2.0 * cutoff * period, 12)), round(2.0 / (cutoff * period)))
 
 
 def derivative(values: Floats, period: float) -> Floats:
