@@ -223,7 +223,7 @@ def _each_pass(
 ) -> Iterator[tuple[list[int], list[Simulated]]]:
     """Places of the models that go together, and their runs, pass by pass."""
     steps = [steps_of_twin(packed, data.period, controller) for packed in models]
-    passes = list(_passes([packed.on.tobytes() for packed in models], steps))
+    passes = list(_passes([packed.on.tobytes() for packed in models], steps, [id(one) for one in noise]))
 
     def runs(chosen: list[int]) -> list[Simulated]:
         return _runs_in_lanes(data, [(models[i], noise[i]) for i in chosen], controller, loops)
@@ -231,12 +231,18 @@ def _each_pass(
     yield from zip(passes, on_each(runs, passes), strict=True)
 
 
-def _passes(effects: Sequence[Hashable], steps: Sequence[tuple[int, int]]) -> Iterator[list[int]]:
+def _passes(
+    effects: Sequence[Hashable], steps: Sequence[tuple[int, int]], shaken_by: Sequence[int]
+) -> Iterator[list[int]]:
     """Places of models with the same effects, at most eight of them together: those of many steps with each other.
 
-    What is left of a pass costs nothing: others go there, in finer steps than they need.
+    What is left of a pass costs nothing: others go there, in finer steps than they need. Where all go in the same
+    steps, those with the same noise ride together, as it is then read once for all of them.
     """
     order = sorted(range(len(steps)), key=lambda i: steps[i], reverse=True)
+    if len(set(steps)) == 1:
+        turn = {one: place for place, one in enumerate(dict.fromkeys(shaken_by))}
+        order.sort(key=lambda i: turn[shaken_by[i]])
     for chosen in batches([effects[i] for i in order]):
         yield [order[i] for i in chosen]
 
@@ -289,6 +295,8 @@ def _runs_in_lanes(
 
 def _abreast(noises: Sequence[Floats], stretch: Stretch) -> Floats:
     """Noises of shape (n,) of the lanes of a pass along a stretch (`beside_or_one`); pass after pass has the same."""
+    if len(noises) == 1:
+        return beside_or_one([noises[0][stretch.rows]])
     lanes = [noises[min(lane, len(noises) - 1)] for lane in range(WIDTH)]
     return _TURNED.answer((*lanes, stretch), lambda: beside_or_one([one[stretch.rows] for one in noises]))
 
