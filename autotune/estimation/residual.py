@@ -110,7 +110,9 @@ def simulated_motions(data: Prepared, runs: Sequence[Simulated]) -> list[Motion]
     """Simulations through the same filters as the measurement."""
     if not runs:
         return []
-    return [one for first in range(0, len(runs), WIDTH) for one in _motions(data, runs[first : first + WIDTH])]
+    return [
+        one for first in range(0, len(runs), WIDTH) for one in _motions(data, runs[first : first + WIDTH])
+    ]
 
 
 def _motions(data: Prepared, runs: Sequence[Simulated]) -> list[Motion]:
@@ -411,6 +413,23 @@ def _take_out(raw: Floats, acted: Floats) -> None:
         raw[k] += 0.5 * (acted[k] + acted[k - 1])
 
 
+@compiled
+def _take_out_in_lanes(raw: Floats, acted: Floats) -> None:
+    """`_take_out` of one torque, shape (n,), from residuals of shape (n, 8)."""
+    _take_out(side_by_side(raw), acted)
+
+
+def _take_out_of_each(raw: Floats, acted: Sequence[Floats | None]) -> None:
+    """`_take_out` of each of some residuals, shape (n, 1 or 8); at once where all were shaken alike."""
+    first = acted[0]
+    if first is not None and len(acted) > 1 and all(one is first for one in acted):
+        _take_out_in_lanes(raw, first)
+        return
+    for lane, one in enumerate(acted):
+        if one is not None:
+            _take_out(raw[:, lane], one)
+
+
 def residuals_of_each(
     data: Prepared,
     models: Sequence[Packed],
@@ -428,9 +447,7 @@ def residuals_of_each(
             raw = raw_residual(data, models[chosen[0]], moved[chosen[0]])[:, None]
         else:
             raw = _raw_in_lanes(data, [models[i] for i in chosen], [moved[i] for i in chosen])
-        for lane, i in enumerate(chosen):
-            if (acted := known[i]) is not None:
-                _take_out(raw[:, lane], acted)
+        _take_out_of_each(raw, [known[i] for i in chosen])
         return smoothed(data, raw[:, 0])[None] if len(chosen) == 1 else _smoothed_in_lanes(data, raw)
 
     result: dict[int, Floats] = {}
