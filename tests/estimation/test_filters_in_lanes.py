@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from autotune.estimation.filters_in_lanes import motions_in_lanes
+from autotune.estimation.residual import motions_in_lanes
 from autotune.signals.filters import motion
 
 SPANS = ([(0, 3000)], [(10, 60), (100, 1500), (1600, 2900)])
