@@ -247,8 +247,13 @@ class PositionController:
 
     @property
     def read_off(self) -> bool:
-        """Whether its torque was read at a moment of what steps with each set point, and so is not what acts."""
-        return self.held and self.taken in (MOMENT, EVE)
+        """Whether its torque was read at a moment of what steps with each set point, and so is not what acts.
+
+        On lines from one to the next it is the set points' rate that steps, and the derivative's part with it: read as
+        the row begins that part is the one of the row before, and has died down since.
+        """
+        on_lines = self.ticks > 1 and not self.cubic and self.taken == MOMENT
+        return on_lines or (self.held and self.taken in (MOMENT, EVE))
 
     def held_until_read(self, reference: Floats, period: float) -> Floats:
         """What is missing in the mean of two readings, each of the moment before a step, of a feedforward that is held.
