@@ -11,8 +11,10 @@ from autotune.estimation.controller_between import holding, laws_between
 from autotune.estimation.controller_law import LoopSamples, PositionController
 from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.disturbance import STILL
-from autotune.estimation.model_error import told_by_twin
+from autotune.estimation.model_error import plain_fit, told_by_twin
+from autotune.estimation.policy import POLICY
 from autotune.estimation.twin_runs import run_twin
+from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording
 from tests.estimation.simulated import AXIS, RESOLUTION, followed
@@ -20,9 +22,19 @@ from tests.estimation.simulated import AXIS, RESOLUTION, followed
 ROW, TICKS, RATE = 2e-3, 8, 1500.0
 CASCADE = PositionController(6.0, 0.06, 100.0, 1.0 - float(np.exp(-RATE * ROW / TICKS)), reference_rate=0.0)
 """On ticks of 250 us: it feeds no rate forward, so that the set points' steps reach the torque by kp alone."""
+ON_ERRORS = replace(
+    CASCADE,
+    reference_rate=1.0,
+    ticks=TICKS,
+    derivative_filter=1.0 - float(np.exp(-RATE * ROW)),
+    taken="moment",
+)
+"""As it is found in rows, of the error's derivative: on lines the rate of its set points steps with each."""
 
 
-def of_a_drive(taken: str, held: bool = True) -> tuple[Prepared, LoopSamples, Floats]:
+def of_a_drive(
+    taken: str, held: bool = True, reference_rate: float = 0.0
+) -> tuple[Prepared, LoopSamples, Floats]:
     """What such a drive makes of a multisine, its torque read as `taken`; and the mean that acted in each row."""
     time = np.arange(round(8.0 / ROW)) * ROW
     tones = [np.sin(2.0 * np.pi * f * time + f) / f for f in (0.5, 1.1, 2.3, 4.9, 9.7)]
@@ -30,7 +42,8 @@ def of_a_drive(taken: str, held: bool = True) -> tuple[Prepared, LoopSamples, Fl
     ticks = np.arange(len(wanted) * TICKS) / TICKS
     fine = np.repeat(wanted, TICKS) if held else np.interp(ticks, np.arange(len(wanted)), wanted)
     shaken = np.random.default_rng(4).normal(0.0, 1e-4, len(fine))
-    axis = followed(fine, shaken, CASCADE, base_model(AXIS), None, ROW / TICKS)
+    law = replace(CASCADE, reference_rate=reference_rate)
+    axis = followed(fine, shaken, law, base_model(AXIS), None, ROW / TICKS)
     table = axis["torque"].reshape(-1, TICKS)
     read = {"moment": table[:, 0], "eve": np.roll(table[:, -1], 1), "next": table.mean(axis=1)}[taken]
     columns = {
@@ -83,6 +96,22 @@ def test_the_twin_of_a_drive_that_holds_its_set_points_is_not_half_a_row_ahead()
     assert off[0] < 0.2 * off[1]
     run = run_twin(as_recorded(data, held), model, held, STILL, np.random.default_rng(1))
     assert np.std((run.torque - acted)[200:-50]) < 0.2 * np.std((data.torque - acted)[200:-50])
+
+
+def test_a_reading_behind_lines_is_compared_as_the_mean_that_acts() -> None:
+    """The rate that a drive feeds steps with each set point: as a row begins what answers to it has died down."""
+    data, _, acted = of_a_drive("moment", held=False, reference_rate=1.0)
+    rows = slice(200, -50)
+    compared = as_recorded(data, ON_ERRORS)
+    # a reading acts half a row later than a mean does
+    read = as_recorded(data, replace(ON_ERRORS, cubic=True)).torque - acted
+    assert np.std((compared.torque - acted)[rows]) < 0.25 * np.std(read[rows])
+    inertia = [
+        plain_fit(taken, base_model(AXIS).pack(), POLICY).fitted.packed.p[layout.INERTIA] / AXIS["inertia"]
+        for taken in (compared, as_recorded(data, replace(ON_ERRORS, cubic=True)))
+    ]
+    assert inertia[0] == pytest.approx(1.0, abs=0.02)
+    assert abs(inertia[1] - 1.0) > 0.04
 
 
 @pytest.mark.slow
