@@ -111,7 +111,7 @@ def test_a_reading_behind_lines_is_compared_as_the_mean_that_acts() -> None:
         for taken in (compared, as_recorded(data, replace(ON_ERRORS, cubic=True)))
     ]
     assert inertia[0] == pytest.approx(1.0, abs=0.02)
-    assert abs(inertia[1] - 1.0) > 0.04
+    assert abs(inertia[1] - 1.0) > 0.1
 
 
 @pytest.mark.slow
