@@ -73,6 +73,10 @@ SAME = 1e-9
 RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0, EVE: 1.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
 AS_READ = "Rows are written late: positions are taken as the controller read them, told by its demand."
+AS_ACTED = (
+    "The torque was read as each row begins, behind a drive that goes on lines from one set point to the next: what "
+    "acts in the row was told from it by the drive's law."
+)
 FEEDS_FRICTION = "The controller feeds friction forward, "
 FRICTION_FED = FEEDS_FRICTION + "{:.3g} {} by the sign of its reference's speed; that was told by its demand."
 _ASKED: Remembered[Floats] = Remembered(12)
@@ -230,15 +234,20 @@ def _as_mean(data: Prepared, law: PositionController) -> Prepared:
     Where a drive holds its set points the torque steps with each and falls until the next: no mean of two readings is
     what acted. The law knows by how much a reading is off, along the recorded motion.
     """
-    seen = late_samples(_seen(data), law.reference_delay, law.position_delay)
-    rate = law.filter_rate(data.period)
+    torque = data.torque + _off_by_reading(_seen(data), law)
+    sensed = torque if data.recorded_torque is data.sensed else data.sensed
+    return replace(data, torque=torque, recorded_torque=torque, sensed=sensed, shift=0.0, late=0.0)
+
+
+def _off_by_reading(samples: LoopSamples, law: PositionController) -> Floats:
+    """By how much the mean of each row is above what a law's torque was read as, shape (n,) [N m]."""
+    seen = late_samples(samples, law.reference_delay, law.position_delay)
+    rate = law.filter_rate(samples.period)
     read, acted = (
         between_terms(seen, replace(law, reference_delay=0, taken=taken), rate) @ law.terms_gains
         for taken in (law.taken, NEXT)
     )
-    torque = data.torque + acted - read
-    sensed = torque if data.recorded_torque is data.sensed else data.sensed
-    return replace(data, torque=torque, recorded_torque=torque, sensed=sensed, shift=0.0, late=0.0)
+    return np.asarray(acted - read)
 
 
 def _compared(data: Prepared, law: PositionController) -> Prepared:
@@ -430,6 +439,23 @@ def as_read(recording: Recording, law: PositionController) -> Recording:
         return recording
     told = replace(recording, floats=MappingProxyType({**recording.floats, "position": position}))
     return told.with_metadata(remarks=(*recording.metadata.remarks, AS_READ))
+
+
+def as_acted_in_rows(recording: Recording, data: Prepared) -> Recording:
+    """The recording with the mean torque of each row where it holds a reading of what steps in it; else itself.
+
+    As `as_recorded` has it of prepared data, here those of the recording, for a fit whose twin has no law between the
+    rows.
+    """
+    samples = loop_samples(data)
+    laws = [one for one in _or_between(data, samples, identified(samples)) if one.ticks > 1]
+    law = next((one for one in laws if one.read_off), None)
+    if law is None or laws[0].taken != MOMENT:
+        return recording
+    column = "torque_command" if "torque_command" in recording else "torque"
+    torque = torque_of(recording) + _off_by_reading(_samples_of(recording), law)
+    told = replace(recording, floats=MappingProxyType({**recording.floats, column: torque}))
+    return told.with_metadata(remarks=(*recording.metadata.remarks, AS_ACTED))
 
 
 def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:

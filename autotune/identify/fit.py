@@ -15,8 +15,8 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
-from autotune.estimation.bandwidth import Bands, Brought, of_one_moment
-from autotune.estimation.controller import as_read, controller_of
+from autotune.estimation.bandwidth import Bands, Brought, of_one_moment, prepared_repeats
+from autotune.estimation.controller import AS_ACTED, as_acted_in_rows, as_read, controller_of
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.joint_fit import free_by_name
 from autotune.estimation.least_squares import with_values
@@ -101,7 +101,37 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     if holds_constant_speeds_only(recording):
         speeds = fit_speed_curve(recording, effects)
         return FitResult(speeds.model, speeds.estimate, controller, speeds.steady_state)
-    brought = of_one_moment(recording, controller)
+    led = _led(recording, controller, effects, seed)
+    if led.joint.refined.twin < 1.0:
+        led = _or_as_it_acted(led, recording, effects, seed)
+    joint, pieces, bands, brought = led.joint, led.pieces, led.bands, led.brought
+    for kind in kinds:
+        if kind.name in joint.model:
+            continue
+        model = STARTS[kind.name](joint.model, pieces, bands)
+        joint = refine_recording(model, brought.recording, seed=seed, controller=led.controller)
+        for name in _vague(kind, joint):
+            joint = _held(name, model, brought.recording, seed, led.controller)
+    joint = replace(joint, estimate=_doubted(joint.estimate, brought))
+    middle = float(np.mean(np.concatenate([piece.position for piece in pieces])))
+    return _result(_without_beside(joint, led.start, effects, middle))
+
+
+@dataclass(frozen=True, slots=True)
+class _Led:
+    """The base model by all motion, and what it was found in."""
+
+    joint: Joint
+    start: Guess
+    brought: Brought
+    controller: PositionController
+    pieces: Sequence[Piece]
+    bands: Bands
+
+
+def _led(recording: Recording, law: PositionController, effects: Sequence[str], seed: int) -> _Led:
+    """The base model by all motion; without a twin where that would mislead."""
+    brought = of_one_moment(recording, law)
     recording, controller = brought.recording, brought.law
     bands = Bands.of(recording)
     pieces = cut(recording, bands, controller, UNFITTED)
@@ -122,16 +152,22 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     if joint.controller.usable and _twin_misleads(joint, start):
         controller = replace(controller, source="none", why=TWIN_WORSE)
         joint = refine_recording(model, recording, seed=seed, controller=controller)
-    for kind in kinds:
-        if kind.name in joint.model:
-            continue
-        model = STARTS[kind.name](joint.model, pieces, bands)
-        joint = refine_recording(model, recording, seed=seed, controller=controller)
-        for name in _vague(kind, joint):
-            joint = _held(name, model, recording, seed, controller)
-    joint = replace(joint, estimate=_doubted(joint.estimate, brought))
-    middle = float(np.mean(np.concatenate([piece.position for piece in pieces])))
-    return _result(_without_beside(joint, start, effects, middle))
+    return _Led(joint, start, brought, controller, pieces, bands)
+
+
+def _or_as_it_acted(led: _Led, recording: Recording, effects: Sequence[str], seed: int) -> _Led:
+    """The same by the mean torque of each row where readings of a moment were recorded and a drive's law tells it, if
+    that leaves less.
+    """
+    data = prepared_repeats([recording]) if "reference" in recording else None
+    acted = recording if data is None else as_acted_in_rows(recording, data)
+    if acted is recording:
+        return led
+    other = _led(acted, replace(led.controller, source="none"), effects, seed)
+    if other.joint.refined.relative_error >= led.joint.refined.relative_error:
+        return led
+    notes = (AS_ACTED, *other.joint.estimate.notes)
+    return replace(other, joint=replace(other.joint, estimate=replace(other.joint.estimate, notes=notes)))
 
 
 def _twin_misleads(joint: Joint, start: Guess) -> bool:
