@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from autotune.core.arrays import Floats
-from autotune.estimation.controller import as_recorded, asked, recorded_late_by
+from autotune.estimation import controller as controller_module
+from autotune.estimation.controller import (
+    AS_ACTED,
+    as_acted_in_rows,
+    as_recorded,
+    asked,
+    recorded_late_by,
+)
 from autotune.estimation.controller_between import holding, laws_between
 from autotune.estimation.controller_law import LoopSamples, PositionController
 from autotune.estimation.data import Prepared, prepare
@@ -14,6 +21,7 @@ from autotune.estimation.disturbance import STILL
 from autotune.estimation.model_error import plain_fit, told_by_twin
 from autotune.estimation.policy import POLICY
 from autotune.estimation.twin_runs import run_twin
+from autotune.identify import fit as fit_module
 from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording
@@ -46,19 +54,24 @@ def of_a_drive(
     axis = followed(fine, shaken, law, base_model(AXIS), None, ROW / TICKS)
     table = axis["torque"].reshape(-1, TICKS)
     read = {"moment": table[:, 0], "eve": np.roll(table[:, -1], 1), "next": table.mean(axis=1)}[taken]
-    columns = {
-        "time": time,
-        "reference": wanted,
-        "position": axis["position"][::TICKS].copy(),
-        "torque": read.copy(),
-    }
-    metadata = Metadata(sample_period=ROW, position_resolution=RESOLUTION)
-    data = prepare([Recording.from_columns(columns, metadata, "motion")])
+    data = prepare([_rows(wanted, axis["position"][::TICKS], read)])
     rows, free = tuple(one.rows for one in data.stretches), np.zeros(len(read), dtype=np.bool_)
     return (
         data,
         LoopSamples(ROW, data.reference, data.measured, data.torque, free, rows, None),
         table.mean(axis=1),
+    )
+
+
+def _rows(wanted: Floats, position: Floats, read: Floats) -> Recording:
+    columns = {
+        "time": np.arange(len(wanted)) * ROW,
+        "reference": wanted,
+        "position": position.copy(),
+        "torque": read.copy(),
+    }
+    return Recording.from_columns(
+        columns, Metadata(sample_period=ROW, position_resolution=RESOLUTION), "motion"
     )
 
 
@@ -111,6 +124,44 @@ def test_a_reading_behind_lines_is_compared_as_the_mean_that_acts() -> None:
         for taken in (compared, as_recorded(data, replace(ON_ERRORS, cubic=True)))
     ]
     assert inertia[0] == pytest.approx(1.0, abs=0.02)
+    assert abs(inertia[1] - 1.0) > 0.1
+
+
+@pytest.mark.parametrize("cubic", [False, True], ids=["lines", "cubics"])
+def test_a_fit_without_a_law_between_the_rows_is_given_the_mean_that_acts(
+    cubic: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the drive's law is told on lines; on cubics nothing steps, and the recording stays as it is."""
+    data, samples, acted = of_a_drive("moment", held=False, reference_rate=1.0)
+    recording = _rows(samples.reference, samples.position, samples.demand)
+    monkeypatch.setattr(controller_module, "_or_between", lambda *_: (replace(ON_ERRORS, cubic=cubic),))
+    told = as_acted_in_rows(recording, data)
+    if cubic:
+        assert told is recording
+        return
+    rows = slice(200, -50)
+    left = np.std((told["torque"] - acted)[rows])
+    assert left < 0.1 * np.std((recording["torque"] - acted)[rows])
+    assert told.metadata.remarks == (*recording.metadata.remarks, AS_ACTED)
+
+
+def test_a_fit_takes_the_mean_that_acts_where_no_twin_runs_and_it_leaves_less(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    data, samples, acted = of_a_drive("moment", held=False, reference_rate=1.0)
+    read, mean, worse = (
+        _rows(samples.reference, samples.position, torque)
+        for torque in (samples.demand, acted, samples.demand + 0.1 * np.sin(0.1 * np.arange(len(acted))))
+    )
+    monkeypatch.setattr(fit_module, "controller_of", lambda _: PositionController())
+    monkeypatch.setattr(fit_module, "prepared_repeats", lambda _: data)
+    inertia = []
+    for told in (mean, worse):
+        monkeypatch.setattr(fit_module, "as_acted_in_rows", lambda *_, told=told: told)
+        found = fit_module.fit(read)
+        assert (AS_ACTED in found.estimate.notes) == (told is mean)
+        inertia.append(found.model["inertia"] / AXIS["inertia"])
+    assert inertia[0] == pytest.approx(1.0, abs=0.05)
     assert abs(inertia[1] - 1.0) > 0.1
 
 
