@@ -64,7 +64,7 @@ def of_a_drive(
 
 
 def _rows(wanted: Floats, position: Floats, read: Floats) -> Recording:
-    columns = {
+    columns: dict[str, Floats] = {
         "time": np.arange(len(wanted)) * ROW,
         "reference": wanted,
         "position": position.copy(),
