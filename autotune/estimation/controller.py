@@ -437,8 +437,7 @@ def as_read(recording: Recording, law: PositionController) -> Recording:
     position = positions_read(_samples_of(recording), law, counts)
     if position is None:
         return recording
-    told = replace(recording, floats=MappingProxyType({**recording.floats, "position": position}))
-    return told.with_metadata(remarks=(*recording.metadata.remarks, AS_READ))
+    return _with_column(recording, "position", position, AS_READ)
 
 
 def as_acted_in_rows(recording: Recording, data: Prepared) -> Recording:
@@ -454,8 +453,13 @@ def as_acted_in_rows(recording: Recording, data: Prepared) -> Recording:
         return recording
     column = "torque_command" if "torque_command" in recording else "torque"
     torque = torque_of(recording) + _off_by_reading(_samples_of(recording), law)
-    told = replace(recording, floats=MappingProxyType({**recording.floats, column: torque}))
-    return told.with_metadata(remarks=(*recording.metadata.remarks, AS_ACTED))
+    return _with_column(recording, column, torque, AS_ACTED)
+
+
+def _with_column(recording: Recording, name: str, values: Floats, remark: str) -> Recording:
+    """The recording with other values in a column, and a remark on why."""
+    told = replace(recording, floats=MappingProxyType({**recording.floats, name: values}))
+    return told.with_metadata(remarks=(*recording.metadata.remarks, remark))
 
 
 def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:
