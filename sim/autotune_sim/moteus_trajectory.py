@@ -75,6 +75,8 @@ class Trajectory:
         if self._command.limited:
             self._approach(h)
         self.position += self.velocity * h
+        if (self.position - self._command.stop_position) * self.velocity > 0.0:
+            self.position, self.velocity = self._command.stop_position, 0.0
         return self.position
 
     def _approach(self, h: float) -> None:

@@ -12,7 +12,7 @@ from autotune.core.arrays import Floats
 from autotune.core.drive import Command, Drive, Mode
 from autotune.core.errors import DriveFault
 from autotune.core.loop import LocalLoop, Publish
-from autotune.core.stopping import IN_A_ROW, TAKES_OVER, StopLimits, StopWatch
+from autotune.core.stopping import IN_A_ROW, TAKES_OVER, StopLimits, StopWatch, Ways
 from autotune_sim.inprocess import SimDrive, open_sim
 from tests.drivers.power_rig import AXIS, DISABLED, FAULT, StateDrive, power_of
 from tests.drivers.routines import Calls
@@ -85,6 +85,48 @@ def test_lost_cycles_are_no_speed() -> None:
     for k in range(1, 8):
         watch.see(0.05 * k, 5.0, missed=9)
     assert not watch.trouble
+
+
+def test_answers_in_a_burst_tell_one_place_twice() -> None:
+    """A host that was held up gets two answers of one control period; an axis that stands still tells more of them."""
+    watch, position = StopWatch(LIMITS, 10.0, 10.0), 0.0
+    for _ in range(2):
+        position += 0.01
+        watch.see(position, 10.0, passed=1.7)
+        watch.see(position, 10.0, passed=0.3)
+    assert not watch.trouble
+    for _ in range(2):
+        watch.see(position, 10.0, passed=1.0)
+    assert "vanished" in watch.trouble
+
+
+@pytest.mark.parametrize("when", ["before", "within"])
+def test_an_axis_that_has_waited_for_a_late_host_is_no_dead_encoder(when: str) -> None:
+    ways = Ways()
+    for k in range(4):
+        ways.see(0.01 * k, missed=60 * (k == 2))
+    assert ways.late
+    watch = StopWatch(LIMITS, 10.0, 10.0, late=when == "before")
+    watch.see(0.0, 10.0)
+    watch.see(0.0, 0.0, missed=60 * (when == "within"))
+    for _ in range(5):
+        watch.see(0.0, 0.0)
+    assert not watch.trouble
+    ways.begin()
+    assert not ways.late
+
+
+def test_an_axis_that_lags_behind_its_demand_catches_up() -> None:
+    def speeds(demanded: float) -> bool:
+        watch, position = StopWatch(LIMITS, 0.0, 0.0, demanded), 0.0
+        for k in range(20):
+            speed = 0.5 * SPEED * (k >= TAKES_OVER)
+            position += speed * LIMITS.period
+            watch.see(position, speed)
+        return watch.runs_away
+
+    assert not speeds(-0.5 * SPEED)
+    assert speeds(math.nan)
 
 
 def test_an_axis_that_leaves_its_travel_is_told() -> None:

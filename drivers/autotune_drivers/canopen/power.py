@@ -235,7 +235,7 @@ class Power:
             self._exchange.cycle(_outputs(QUICK_STOP, self._sdo.read(self._position), mode))
         hold = self._exchange.values[1]
         moved = self._exchange.ways.longest * self._to_position / self._limits.period
-        watch = StopWatch(self._limits, self._motion[1], moved)
+        watch = StopWatch(self._limits, self._motion[1], moved, late=self._exchange.ways.late)
         self._exchange.restart()
         still = 0
         for turn in range(self._stop_patience):
@@ -243,7 +243,7 @@ class Power:
             hold = self._exchange.values[1]
             if self._state not in POWERED:
                 break
-            watch.see(*self._motion, missed)
+            watch.see(*self._motion, missed, self._exchange.passed)
             at_rest = abs(self._exchange.values[4]) <= 1.0 and self._state is State.QUICK_STOP
             still = still + 1 if at_rest else 0
             deaf = self._deaf(turn, QUICK_STOP)

@@ -1,7 +1,9 @@
 """One cycle on the line: a position command with its queries out, the controller's state in.
 
 The command carries position, velocity, feedforward torque, the torque allowed and the watchdog time; it
-asks for no trajectory limits, as the references are trajectories already. In real time a cycle waits for
+asks for no trajectory limits, as the references are trajectories already. A position's velocity carries the
+demand on between the commands, but no further than to where it is `AHEAD` cycles later: where this host is
+late, the axis waits there, and is not thrown back by the next command. In real time a cycle waits for
 its turn on an absolute grid; turns that were missed are skipped and counted. In lock-step the
 controller's time advances with the command, so nothing waits.
 
@@ -32,8 +34,9 @@ CONTROL_POSITION = 0x038
 TEMPERATURES = {"motor": 0x00A, "board": 0x00E}
 _TORQUES = 0x030
 _WATCHDOG = 0x027
-_COMMAND = struct.Struct("<5s3f2sf2s3f")
-_HEAD, _MOST, _REST = b"\x01\x00\x0a\x0f\x20", b"\x0d\x25", b"\x0f\x27"
+AHEAD = 2.0
+_COMMAND = struct.Struct("<5s3f3s5f")
+_HEAD, _REST = b"\x01\x00\x0a\x0f\x20", b"\x0c\x05\x25"
 _NO_FEEDBACK = b"\x02\x23\x00\x00\x01\x2b\x00"  # kp and kd scale, and the integral's limit, are 0
 _NO_LIMIT = -1.0
 _TEMPERATURE_STEP = 0.1
@@ -77,6 +80,7 @@ class MoteusExchange:
         state: what the controller told last.
         temperature_overdue: it told a temperature before, but no number for `TEMPERATURE_AGE`.
         ways: in the last cycles [rev].
+        passed: cycles between the last two answers, by the clock; nan where that is not known.
         punctuality: how late this host was.
     """
 
@@ -106,6 +110,8 @@ class MoteusExchange:
         self._due = 0.0
         self.punctuality = Punctuality()
         self._left = math.inf
+        self.passed = math.nan
+        self._ahead = math.nan
         self.ways = Ways()
         self._last_temperature = math.nan
         self._cold_cycles = 0
@@ -124,6 +130,12 @@ class MoteusExchange:
         if self._temperature is not None and there[self._temperature] is None:
             self._temperature = None
         self._ask()
+
+    @property
+    def waits_at(self) -> float:
+        """Where the demand waits for a host that is late, and the axis with it [rev]; nan where it does not."""
+        late = not self._lock_step and time.monotonic() - self._left > AHEAD * self._period
+        return self._ahead if late else math.nan
 
     def _ask(self) -> None:
         """The query of every cycle, and what its answer looks like."""
@@ -177,9 +189,10 @@ class MoteusExchange:
             if heard.reply is not None:
                 self.count += missed + 1
                 self.healthy = True
-                self._left = time.monotonic()
+                before, self._left = self._left, time.monotonic()
+                self.passed = math.nan if self._lock_step else (self._left - before) / self._period
                 if self.state is not None:
-                    self.ways.see(self.state.position, missed)
+                    self.ways.see(self.state.position, missed, self.passed)
                 return missed
             self._node.note_refusal(heard.refusal)
             if not heard.refusal:
@@ -225,10 +238,10 @@ class MoteusExchange:
         self._number = (self._number + 1) % _COUNTED
         watchdog = self._watchdog - self._number * _COUNT_STEP
         self._expected = watchdog if self._has_echo else None
+        self._ahead = position + AHEAD * velocity * self._period
         data = _COMMAND.pack(
             _HEAD, position, velocity, feedforward,
-            _MOST, self._torque,
-            _REST, watchdog, _NO_LIMIT, _NO_LIMIT,
+            _REST, self._torque, self._ahead, watchdog, _NO_LIMIT, _NO_LIMIT,
         )  # fmt: skip
         return data + (b"" if feedback else _NO_FEEDBACK) + self._query
 

@@ -267,6 +267,29 @@ def test_an_axis_that_counts_backwards_is_the_same_axis(running: Simulator) -> N
     assert column(samples, "torque_feedforward")[50:] == pytest.approx(0.05, abs=6e-4)
 
 
+@pytest.mark.parametrize("beside", ["a cycle", "the stop"])
+def test_a_host_that_is_late_finds_its_axis_where_it_was_told_to_be(tmp_path: Path, beside: str) -> None:
+    """5 rad/s, 60 ms without command: the demand waits two cycles ahead; thrown back by 0.3 rad, it shows 20 rad/s."""
+    with simulator(tmp_path, "--link", "moteus", "--node", "1", "--real-time"):
+        drive = moteus_opener(tmp_path)()
+        try:
+            start = where(drive)
+            commands = [Command(start + 5e-3 * k) for k in range(200)]
+            drive.enable(Mode.POSITION)
+            for command in commands[:150]:
+                drive.step(command)
+            time.sleep(0.06)
+            samples = [drive.step(command) for command in commands[150:]] if beside == "a cycle" else []
+            drive.disable()
+            after = where(drive)
+        finally:
+            drive.close()
+    if samples:
+        assert samples[0].missed >= 50
+        assert max(abs(sample.velocity) for sample in samples) < 10.0
+    assert abs(after - commands[199 if samples else 149].position) < 0.2
+
+
 def test_in_real_time_missed_cycles_are_counted(tmp_path: Path) -> None:
     with simulator(tmp_path, "--link", "moteus", "--node", "1", "--real-time"):
         drive = moteus_opener(tmp_path)()
