@@ -154,6 +154,7 @@ class Kind:
         freed_later: name → how it varies, once a first fit is there.
         free_shape: what begins and varies beside its own law where that is another one: the same place, any course.
         plain_shape: a part of that which is tried first, where a number or two make the law a family.
+        least_own: of what is asked of its own law before its course may be free; less where the course is as definite.
         own_size: what its own law is scaled by, where a free course is a sum beside that law and may do without it.
         terms: of what it is a sum of numbered terms; None where it is not.
         proportion: of two parts of its torque, by which a stranger's law is told from it; None where none has these.
@@ -201,6 +202,7 @@ class Kind:
     freed_later: Callable[[Floats], Mapping[str, Vary]] | None = None
     free_shape: Callable[[StartContext], StartValues | None] | None = None
     plain_shape: Callable[[StartContext], StartValues | None] | None = None
+    least_own: float = 1.0
     own_size: str = ""
     terms: Terms | None = None
     proportion: Proportion | None = None

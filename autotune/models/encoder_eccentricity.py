@@ -104,6 +104,7 @@ ENCODER_ECCENTRICITY = Kind(
     not_fed_forward="it is an error of the measurement, not a torque",
     starts=starts,
     free_shape=free_shape,
+    least_own=0.5,  # the torque of two waves a turn has four times its part of the reading's error
     extent=size,
     proportion=Proportion(
         parts,
