@@ -37,6 +37,8 @@ def one_bar(name: str, steps: int, rows: int = 0) -> Iterator[Callable[[str], No
             done += here
             here = next((count for begins, count in LONG if what.startswith(begins)), 1)
             console.advance(done / max(steps, done + here + LEAST_LEFT))
+            if done + here + LEAST_LEFT > steps:
+                console.beyond(what)
 
         yield step
         console.finish()

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
 from rich.text import Text
 
-LINE_SECONDS = 1.0
+LINE_SECONDS, LINE_SECONDS_BEYOND = 1.0, 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +51,7 @@ class ConsoleProgress:
         self._began = self._entered = 0.0
         self._spent = 0.0
         self._tenth = 0
+        self._beyond = False
         self._last_line = -LINE_SECONDS
         self._bars = _bars(self._console, self) if self._console.is_terminal else None
         self._task = None if self._bars is None else self._bars.add_task("", total=1.0, start=True)
@@ -81,6 +82,7 @@ class ConsoleProgress:
             names.insert(place, name)
         self._index = names.index(name)
         self._began, self._fraction, self._tenth, self._open = self._clock(), 0.0, 0, True
+        self._beyond = False
         self._entered = self._entered if goes_on else self._began
         if self._bars is not None and self._task is not None:
             self._bars.update(self._task, completed=0.0)
@@ -95,9 +97,25 @@ class ConsoleProgress:
             return
         tenth = int(self._fraction * 10 + 1e-9)
         if self._open and self._tenth < tenth < 10 and self._clock() - self._last_line >= LINE_SECONDS:
-            left = _about(self.remaining_s(), self.remaining_total_s())
-            self._line(f"{self.label} {10 * tenth} %{left}")
+            self._line(f"{self.label} {10 * tenth} % ({self.time_left()})")
         self._tenth = max(self._tenth, tenth)
+
+    def beyond(self, what: str) -> None:
+        """The present stage needs more steps than were foreseen, and `what` begins: nobody knows how many.
+
+        What it took so far is told in the place of what is left; in a log once a minute.
+        """
+        self._beyond = True
+        if self._bars is None and self._clock() - self._last_line >= LINE_SECONDS_BEYOND:
+            self._line(f"{self.label} ({self.time_left()}): {what}")
+
+    def time_left(self) -> str:
+        """`about 12 s left`, with what the whole run needs where more stages come; or what it took so far."""
+        if self._beyond:
+            return f"{duration(self._clock() - self._entered)} so far, longer than usual"
+        left = f"about {duration(self.remaining_s())} left"
+        more = self._index + 1 < len(self._stages)
+        return f"{left}, {duration(self.remaining_total_s())} in total" if more else left
 
     def finish(self, note: str = "") -> None:
         """The present stage is done; `note` says in few words what came out."""
@@ -152,15 +170,14 @@ class ConsoleProgress:
 
 
 class _Remaining(ProgressColumn):
-    """`12 s left, 1:40 in total`."""
+    """`about 12 s left, 1:40 in total`."""
 
     def __init__(self, progress: ConsoleProgress) -> None:
         super().__init__()
         self._progress = progress
 
     def render(self, task: Task) -> Text:
-        stage, total = self._progress.remaining_s(), self._progress.remaining_total_s()
-        return Text(f"{duration(stage)} left, {duration(total)} in total", style="dim")
+        return Text(self._progress.time_left(), style="dim")
 
 
 class _Label(ProgressColumn):
@@ -200,7 +217,5 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600}:{whole % 3600 // 60:02d}:{whole % 60:02d}"
 
 
-def _about(stage_s: float, total_s: float | None = None) -> str:
-    if total_s is None:
-        return f" (about {duration(stage_s)} in total)" if stage_s >= 1 else ""
-    return f" (about {duration(stage_s)} left, {duration(total_s)} in total)"
+def _about(total_s: float) -> str:
+    return f" (about {duration(total_s)} in total)" if total_s >= 1 else ""

@@ -130,3 +130,23 @@ def test_quiet_says_nothing() -> None:
     with ConsoleProgress(STAGES, stream, Clock(), quiet=True) as progress:
         play(progress, Clock(), "check", 5.0)
     assert stream.getvalue() == ""
+
+
+def test_more_steps_than_foreseen_are_no_end_in_sight() -> None:
+    """Of a search whose length nobody knows, what it took so far is told, once a minute, with what begins."""
+    now = [0.0]
+    stream = io.StringIO()
+    progress = ConsoleProgress([Stage("diagnose", 10.0)], stream, lambda: now[0])
+    progress.start("diagnose")
+    for second, what in ((9.0, "candidate spring"), (71.0, "candidate backlash"), (80.0, "refinement")):
+        now[0] = second
+        progress.advance(0.8)
+        progress.beyond(what)
+    now[0] = 150.0
+    progress.finish()
+    assert stream.getvalue().splitlines() == [
+        "[1/1] diagnose … (about 10 s in total)",
+        "[1/1] diagnose 80 % (about 2 s left)",
+        "[1/1] diagnose (1:11 so far, longer than usual): candidate backlash",
+        "✓ diagnose (2:30)",
+    ]
