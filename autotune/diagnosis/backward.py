@@ -142,7 +142,7 @@ class Backward:
     def exchanged(self, chosen: FittedCandidate, later: Sequence[FittedCandidate]) -> list[FittedCandidate]:
         """Of several effects, what may stand for one of them beside the others: fitted to what is compared now.
 
-        `later`: fits of the rounds in which the others were chosen.
+        `later`: fits of the rounds in which the others were chosen. What has no name stands for none that has one.
         """
         own, again = set(chosen.model_fit.effects), []
         if len(own) < 2:
@@ -150,7 +150,8 @@ class Backward:
         for item in later:
             effects, fitted = item.model_fit.effects, item.model_fit.fitted
             in_place = len(effects) == len(own) and len(own - set(effects)) == 1
-            if not (in_place and item.named) or fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost:
+            known = item.named or not chosen.named
+            if not (in_place and known) or fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost:
                 continue
             self.progress(f"{item.effect} in the place of another")
             model_fit = fit_inside_twin(self.problem, fitted.packed, list(item.model_fit.free), 2, effects)

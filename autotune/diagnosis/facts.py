@@ -62,6 +62,8 @@ LAW_DIFFERS, LAW_LEAD = 0.9, 0.6
 """Share explained from which one effect is named though its law differs, and what another may gain of its gain."""
 MOST_NOISE = 0.25
 """Of a recording's torque (rms): so loud is no sensor, and no disturbance of an axis that is used."""
+LAWS_DIFFER = 0.85
+"""The same of several effects, each of which explains half of what the others leave."""
 LAW_DIFFERS_ALONE = 0.8
 """The same where all that can look like it was looked for too and is left behind: what takes the place of an effect
 that was looked for loses to it, and what takes that of one that nobody knows explains less of both trajectories."""
@@ -91,6 +93,7 @@ class Facts:
         unloaded: the chosen effects without a second mass among them, where they have no name so.
         bare: the root without the effects that the model was given with; where it has any, and nothing repeats.
         delayed: whether a dead time of some rows does as well as the lag that was found.
+        each_told: several effects without a name explain most, and each of them half of what the others leave.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -122,6 +125,7 @@ class Facts:
     unloaded: ModelFit | None = None
     bare: ModelFit | None = None
     delayed: bool = False
+    each_told: bool = False
 
     @property
     def loud(self) -> bool:
@@ -301,16 +305,18 @@ class Facts:
 
     @property
     def law_differs(self) -> bool:
-        """One effect explains most of the error, far ahead of any other, but not all that its place holds.
+        """One effect explains most of the error, far ahead of any other, but not all that its place holds; or several.
 
         A spring between two masses takes the shape of much that a twin is not, with stiffness, damping and shares free:
         it must explain more than others. A gap need not: nothing in a loop has a width.
         """
         chosen = self.chosen
-        if chosen is None or not self.evidence.repeats or len(chosen.model_fit.effects) > 1:
+        if chosen is None or not self.evidence.repeats or not self.problem.has_veto:
             return False
-        if self._needless_gap or not self.problem.has_veto or self._doubted:
+        if self._needless_gap or self._doubted:
             return False
+        if len(chosen.model_fit.effects) > 1:
+            return self.each_told
         return chosen.share >= self._least_by_another_law(chosen.effect) and self.leads
 
     def _least_by_another_law(self, effect: str) -> float:
@@ -327,8 +333,10 @@ class Facts:
 
     @property
     def little_told(self) -> bool:
-        """Named for less than what names an effect that look-alikes might stand for: suspected at best."""
-        return not self.accepted and self.chosen is not None and self.chosen.share < LAW_DIFFERS
+        """Named for less than what names an effect that look-alikes might stand for, or several: suspected at best."""
+        if self.accepted or self.chosen is None:
+            return False
+        return self.chosen.share < LAW_DIFFERS or len(self.chosen.model_fit.effects) > 1
 
     @property
     def shared_out(self) -> bool:
@@ -391,6 +399,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
         spring=found.spring, unloaded=found.unloaded, delayed=found.delayed,
         bare=None if chosen is None or evidence.repeats else without_effects(problem, root),
     )  # fmt: skip
+    facts = replace(facts, each_told=_each_told(facts))
     named = (facts.accepted or facts.law_differs or bool(facts.contested)) and not facts.structured
     if named and chosen is not None:
         facts = replace(facts, proportion=out_of_proportion(problem, root, chosen.model_fit))
@@ -411,6 +420,28 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     left = left or (chosen is None and _of_place(problem, root))
     climbing = found.sliding is not None and not left and _something_left(facts, problem)
     return replace(facts, left=left, climbing=climbing)
+
+
+def _each_told(facts: Facts) -> bool:
+    """Whether several effects explain most, and each of them half of what the others leave of training and veto.
+
+    Where one of them may be another one that was not looked for, that is not enough, nor where one is a spring between
+    two masses (`Facts.law_differs`): what names an effect by another law is asked of them all.
+    """
+    problem, chosen = facts.problem, facts.chosen
+    if chosen is None or facts.accepted or len(chosen.model_fit.effects) < 2 or not facts.evidence.repeats:
+        return False
+    effects = chosen.model_fit.effects
+    sought = {kind.name for kind in problem.candidates}
+    alone = SPRING.name not in effects and all(sought.issuperset(usual_rivals(one)) for one in effects)
+    if chosen.share < (LAWS_DIFFER if alone else LAW_DIFFERS):
+        return False
+    for effect in effects:
+        less = without_effect(problem, facts.root, chosen.model_fit, effect)
+        parts = explained_of_rest(problem, less.model_fit, chosen.model_fit) if less is not None else []
+        if not parts or any(part.plain_share < problem.policy.partly for part in parts):
+            return False
+    return True
 
 
 def _of_place(problem: Problem, root: ModelFit) -> bool:
@@ -587,6 +618,6 @@ def _rivals_beside(
             continue
         others = without_effect(problem, root, chosen.model_fit, own.pop())
         before = others.model_fit if others is not None else root
-        if item.named and evidence.comes_near(problem, before, chosen, item):
+        if (item.named or not chosen.named) and evidence.comes_near(problem, before, chosen, item):
             near += set(item.model_fit.effects) - set(chosen.model_fit.effects)
     return list(dict.fromkeys(near))

@@ -58,8 +58,8 @@ def with_free_shape(
     """The model with the course of its last effect free; None where that does not explain clearly more.
 
     By its own law the effect must explain most of the error that was fitted (`Kind.least_own`): a free course alone
-    would explain what is none of it. On the veto trajectory a law that is another may err as much as none (a spring that
-    hardens).
+    would explain what is none of it. On the veto trajectory a law that is another may err as much as none (a spring
+    that hardens).
     """
     before = chosen.model_fit
     if chosen.training.share < problem.policy.partly * EFFECTS[chosen.effect].least_own:

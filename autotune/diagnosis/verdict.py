@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.base_laws import told_of_base
+from autotune.diagnosis.base_laws import many_contacts_note, told_of_base
 from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -37,7 +37,6 @@ from autotune.diagnosis.wording import (
     DELAYED,
     DROWNED,
     HUNTS,
-    MANY_CONTACTS,
     NAMED,
     NONE,
     OWN_PRESLIDING,
@@ -66,8 +65,9 @@ from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import with_misfit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
-from autotune.models.drive_model import DriveModel
+from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.effect import Kind
+from autotune.models.reversal_memory import of_one_contact
 from autotune.models.table import usual_rivals
 from autotune.recordings.recording import Recording
 
@@ -264,10 +264,22 @@ def _another_law(facts: Facts) -> str:
     chosen = facts.chosen
     if chosen is None:
         return ""
+    if len(chosen.model_fit.effects) > 1:
+        names = " and ".join(chosen.model_fit.effects).replace("_", " ")
+        return (
+            f"Another law, or something beside them: {names} together explain {100 * chosen.share:.0f} % of it. Each "
+            "is needed beside the others, but they are not quite as the model has them: coefficients are approximate."
+        )
     return (
         f"Its law differs: {chosen.effect.replace('_', ' ')} {facts.evidence.explains_part(chosen)}; the effect is "
         "there, but not quite as the model has it, so that its coefficients are approximate."
     )
+
+
+def _climbs(packed: Packed) -> str:
+    """The sentence on a presliding of its own that takes the place of a memory."""
+    one = of_one_contact(packed.p) and not of_many(packed)
+    return OWN_PRESLIDING if one else many_contacts_note(packed)
 
 
 def _presliding_rest(facts: Facts) -> str:
@@ -378,8 +390,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         [_unlike(facts)] * bool(effects)
         + [ALL_CONTACT] * (bool(effects) and facts.all_contact)
         + [DELAYED] * (bool(effects) and facts.delayed)
-        + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]
-        * (found.presliding is not None)
+        + [_climbs(found.root.fitted.packed)] * (found.presliding is not None)
         + list(facts.base)
     )
     chosen = None if facts.drowned else facts.chosen

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
+from autotune.diagnosis import free_shape
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.contact_laws import resolved
 from autotune.diagnosis.fitting import updated_model
@@ -19,6 +21,7 @@ from autotune.estimation.alignment import followed_late
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.least_squares import Free
+from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import smoothed
 from autotune.experiments.diagnosis import confirmation
@@ -122,3 +125,19 @@ def test_a_torque_over_the_place_that_goes_at_rest_is_no_spring(
         assert found.held == pytest.approx(held, abs=0.1)
         assert found.seconds == pytest.approx(seconds, rel=0.5)
         assert "does not hold" in relaxed_note(found.effect, found.held, found.seconds)
+
+
+@pytest.mark.parametrize(
+    ("effect", "share", "asked"),
+    [("stribeck", 0.6, True), ("stribeck", 0.4, False), ("encoder_eccentricity", 0.4, True)],
+)
+def test_a_course_is_asked_where_its_own_law_explains_enough(
+    monkeypatch: pytest.MonkeyPatch, effect: str, share: float, asked: bool
+) -> None:
+    """A disc that is tilted as much as it is off centre: its own wave explained 45 %, both together 96 %."""
+    courses: list[str] = []
+    monkeypatch.setattr(free_shape, "_courses", lambda *known: courses.append(known[-1]) or [])
+    chosen = SimpleNamespace(effect=effect, model_fit=None, training=SimpleNamespace(share=share))
+    found = free_shape.with_free_shape(SimpleNamespace(policy=POLICY), None, None, chosen)
+    assert found is None
+    assert bool(courses) is asked
