@@ -26,8 +26,8 @@ from autotune.diagnosis.candidates import Asked, asked_for
 from autotune.diagnosis.refits import kept_terms, without_effect
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import usual_damping
-from autotune.estimation.cross_validation import explained, gain_and_z, held_out
-from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.cross_validation import gain_and_z, held_out
+from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Fitted, Free, standard_errors
 from autotune.estimation.problem import Problem, refit, refits
 from autotune.models import layout
@@ -145,8 +145,7 @@ def _of_many(problem: Problem, model_fit: ModelFit, before: ModelFit) -> ModelFi
     """The model with its bristle taken apart into many contacts, where it predicts better than another; else None.
 
     How far the last of them goes is told by ways of their own: two places of the raster are nearly a factor of two
-    apart, and between them lies what a decade is. They are refused for a memory that goes on beyond them where that
-    explains most of what they leave: any crumb of it may be the contact's own curve, which no eight elements are.
+    apart, and between them lies what a decade is.
     """
     short = refit(problem, *_as_chain(problem, model_fit, MANY_LINKS, held=True), model_fit.correction, SHORT)
     least = (1.0 - problem.policy.least_gain) * before.fitted.cost
@@ -157,7 +156,7 @@ def _of_many(problem: Problem, model_fit: ModelFit, before: ModelFit) -> ModelFi
         return None
     many = _off_the_raster(problem, many) or many
     told = of_many(many.fitted.packed) and _may_go_on(problem, many.fitted.packed.p)
-    return many if told and not remembers_beyond(problem, many, problem.policy.partly) else None
+    return many if told and not remembers_beyond(problem, many) else None
 
 
 def _may_go_on(problem: Problem, p: Floats) -> bool:
@@ -277,11 +276,8 @@ def _element_free(number: int, place: float, level: float, shortest: float = 0.0
     )
 
 
-def remembers_beyond(problem: Problem, climbs: ModelFit, part: float = 0.0) -> bool:
-    """Whether elements that go on where that contact slides would gain as much as an effect must.
-
-    `part`: of what that contact leaves of all that can be explained, what they explain at least.
-    """
+def remembers_beyond(problem: Problem, climbs: ModelFit) -> bool:
+    """Whether elements that go on where that contact slides would gain as much as an effect must."""
     p, (level, _) = climbs.fitted.packed.p.copy(), as_one_bristle(climbs.fitted.packed.p)
     _, way = climbing(p)
     free = list(climbs.free)
@@ -290,9 +286,7 @@ def remembers_beyond(problem: Problem, climbs: ModelFit, part: float = 0.0) -> b
         free.append(_element_free(i, times * way, level)[1])
     longer = refit(problem, Packed(p, climbs.fitted.packed.on), free, climbs.correction, SHORT)
     gain, z = gain_and_z(climbs.unseen, held_out(problem, longer.error, longer.jacobian))
-    if gain < problem.policy.least_gain or not problem.policy.no_chance(gain, z):
-        return False
-    return explained(problem, climbs.fitted, longer, climbs.correction, TRAINING).share >= part
+    return gain >= problem.policy.least_gain and problem.policy.no_chance(gain, z)
 
 
 def without_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
@@ -311,13 +305,9 @@ def without_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
 def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> ModelFit | None:
     """The root with the elements of a memory that is none: together they climb no longer than a bristle does.
 
-    So it is with elements that stand in the place of the bristle, however far the last of them go: most of what they
-    explain is the contact's curve, and a crumb beyond it is no reason to call all of it a memory.
-
     None where there is no such memory, or the twin is unstable without what else was found.
     """
-    p = chosen.fitted.packed.p
-    if EFFECT not in chosen.effects or not (of_contacts(p) or closes_loops(p)):
+    if EFFECT not in chosen.effects or not of_contacts(chosen.fitted.packed.p):
         return None
     if chosen.fitted.cost >= root.fitted.cost:
         return None

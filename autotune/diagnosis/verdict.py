@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.base_laws import many_contacts_note, told_of_base
+from autotune.diagnosis.base_laws import told_of_base
 from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -37,6 +37,7 @@ from autotune.diagnosis.wording import (
     DELAYED,
     DROWNED,
     HUNTS,
+    MANY_CONTACTS,
     NAMED,
     NONE,
     OWN_PRESLIDING,
@@ -65,9 +66,8 @@ from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import with_misfit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
-from autotune.models.drive_model import DriveModel, Packed
+from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Kind
-from autotune.models.reversal_memory import of_one_contact
 from autotune.models.table import usual_rivals
 from autotune.recordings.recording import Recording
 
@@ -276,12 +276,6 @@ def _another_law(facts: Facts) -> str:
     )
 
 
-def _climbs(packed: Packed) -> str:
-    """The sentence on a presliding of its own that takes the place of a memory."""
-    one = of_one_contact(packed.p) and not of_many(packed)
-    return OWN_PRESLIDING if one else many_contacts_note(packed)
-
-
 def _presliding_rest(facts: Facts) -> str:
     return PRESLIDING_REST if facts.climbing else ""
 
@@ -390,7 +384,8 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         [_unlike(facts)] * bool(effects)
         + [ALL_CONTACT] * (bool(effects) and facts.all_contact)
         + [DELAYED] * (bool(effects) and facts.delayed)
-        + [_climbs(found.root.fitted.packed)] * (found.presliding is not None)
+        + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]
+        * (found.presliding is not None)
         + list(facts.base)
     )
     chosen = None if facts.drowned else facts.chosen

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from autotune.diagnosis import contact_laws
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.contact_laws import goes_on, without_memory, without_tail
 from autotune.diagnosis.evidence import evidence_of
@@ -19,10 +17,9 @@ from autotune.diagnosis.rounds import SearchState
 from autotune.diagnosis.search import Found, _where_it_slides
 from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.cross_validation import Explained, beyond_presliding
+from autotune.estimation.cross_validation import beyond_presliding
 from autotune.estimation.data import TRAINING
 from autotune.estimation.least_squares import Free, standard_errors
-from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel, Packed, base_model
 from autotune.models.layout import COULOMB, MICRO_DAMPING, STIFFNESS
@@ -357,24 +354,3 @@ def test_an_effect_keeps_its_name_whatever_friction_at_once_leaves_near_reversal
     assert found.sliding is not None
     assert found.chosen is not None
     assert found.chosen.named
-
-
-@pytest.mark.parametrize(
-    ("gain", "share", "part", "beyond"),
-    [(0.12, 0.2, 0.0, True), (0.12, 0.2, 0.5, False), (0.12, 0.6, 0.5, True), (0.01, 0.9, 0.5, False)],
-)
-def test_a_crumb_beyond_many_contacts_is_no_memory(
-    monkeypatch: pytest.MonkeyPatch, gain: float, share: float, part: float, beyond: bool
-) -> None:
-    """An outsider's axis of seven contacts with nothing planted: 8 % of what eight left was a memory, confirmed."""
-    packed = base_model(NOMINAL).pack()
-    for number, way in enumerate((0.1, 0.3, 0.6), 1):
-        packed.p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = way
-        packed.p[REVERSAL_MEMORY.slot(f"torque_{number}")] = 0.3
-    climbs = SimpleNamespace(fitted=SimpleNamespace(packed=packed), free=(), correction=None, unseen=None)
-    monkeypatch.setattr(contact_laws, "refit", lambda *_: SimpleNamespace(error=None, jacobian=None))
-    monkeypatch.setattr(contact_laws, "held_out", lambda *_: None)
-    monkeypatch.setattr(contact_laws, "gain_and_z", lambda *_: (gain, 5.0))
-    monkeypatch.setattr(contact_laws, "explained", lambda *_: Explained(share, 1.0 - share))
-    found = contact_laws.remembers_beyond(SimpleNamespace(policy=POLICY), climbs, part)
-    assert found is beyond
