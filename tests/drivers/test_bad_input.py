@@ -44,8 +44,10 @@ def drive(running: Simulator) -> Iterator[CanopenDrive]:
     before = bus.settings(running.port)
     opened = connect(running)
     yield opened
-    mend(running)
-    opened.close()
+    try:
+        mend(running)
+    finally:
+        opened.close()
     assert bus.settings(running.port) == before
     assert not bus.powered(running.port)
 
