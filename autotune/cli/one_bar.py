@@ -37,7 +37,7 @@ def one_bar(name: str, steps: int, rows: int = 0) -> Iterator[Callable[[str], No
             done += here
             here = next((count for begins, count in LONG if what.startswith(begins)), 1)
             console.advance(done / max(steps, done + here + LEAST_LEFT))
-            if done + here + LEAST_LEFT > steps:
+            if done + here > steps:
                 console.beyond(what)
 
         yield step

@@ -84,26 +84,33 @@ def gain_allowed(speed: float, deceleration: float, period: float, resolution: f
 
 
 class Ways:
-    """How far the axis has gone in each of the last `REMEMBERED` cycles; in whatever positions are counted in."""
+    """How far the axis has gone in each of the last `REMEMBERED` cycles; in whatever positions are counted in.
 
-    __slots__ = ("_at", "_late", "_ways")
+    Attributes:
+        passed: cycles between the last two answers, by the clock; nan where that is not known.
+    """
 
-    def __init__(self) -> None:
+    __slots__ = ("_at", "_late", "_period", "_ways", "_when", "passed")
+
+    def __init__(self, period: float) -> None:
+        self._period = period
         self._ways: deque[float] = deque(maxlen=REMEMBERED)
         self._late: deque[bool] = deque(maxlen=REMEMBERED)
-        self._at: float | None = None
+        self.begin()
 
     def begin(self) -> None:
         """After a pause nothing is known."""
         self._ways.clear()
         self._late.clear()
-        self._at = None
+        self._at: float | None = None
+        self._when = self.passed = math.nan
 
-    def see(self, position: float, missed: int = 0, passed: float = 0.0) -> None:
-        """One cycle has ended at `position`; so many were lost before it. `passed`: see `StopWatch.see`."""
+    def see(self, position: float, missed: int = 0, now: float = math.nan) -> None:
+        """One cycle has ended at `position`; so many were lost before it. `now`: of the clock [s]; nan in lock-step."""
+        self.passed, self._when = (now - self._when) / self._period, now
         if self._at is not None:
-            self._ways.append(abs(position - self._at) / max(missed + 1.0, passed))
-        self._late.append(is_late(missed, passed))
+            self._ways.append(abs(position - self._at) / max(missed + 1.0, self.passed))
+        self._late.append(is_late(missed, self.passed))
         self._at = position
 
     @property

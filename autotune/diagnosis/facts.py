@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from autotune.diagnosis.base_laws import without_effects
@@ -44,6 +44,7 @@ from autotune.diagnosis.transmission import GAP, SPRING, by_another_law, gap_is_
 from autotune.diagnosis.wording import rms_unexplained
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import (
+    Explained,
     beyond_presliding,
     gain_and_z,
     goes_with_place,
@@ -321,9 +322,7 @@ class Facts:
 
     def _least_by_another_law(self, effect: str) -> float:
         """Share explained that names an effect whose law differs."""
-        sought = {kind.name for kind in self.problem.candidates}
-        alone = effect != SPRING.name and sought.issuperset(usual_rivals(effect))
-        return LAW_DIFFERS_ALONE if alone else LAW_DIFFERS
+        return LAW_DIFFERS_ALONE if _alone(self.problem, effect) else LAW_DIFFERS
 
     @property
     def veto_silent(self) -> bool:
@@ -348,9 +347,7 @@ class Facts:
         problem, chosen = self.problem, self.chosen
         if chosen is None or len(chosen.model_fit.effects) < 2 or not self.evidence.repeats:
             return False
-        for effect in chosen.model_fit.effects:
-            less = without_effect(problem, self.root, chosen.model_fit, effect)
-            parts = explained_of_rest(problem, less.model_fit, chosen.model_fit) if less is not None else []
+        for parts in _parts_of_each(problem, self.root, chosen.model_fit):
             fall, left = sum(part.fall for part in parts), sum(part.left for part in parts)
             if left > (1.0 - problem.policy.named) * (fall + left):
                 return True
@@ -431,17 +428,27 @@ def _each_told(facts: Facts) -> bool:
     problem, chosen = facts.problem, facts.chosen
     if chosen is None or facts.accepted or len(chosen.model_fit.effects) < 2 or not facts.evidence.repeats:
         return False
-    effects = chosen.model_fit.effects
-    sought = {kind.name for kind in problem.candidates}
-    alone = SPRING.name not in effects and all(sought.issuperset(usual_rivals(one)) for one in effects)
+    alone = all(_alone(problem, effect) for effect in chosen.model_fit.effects)
     if chosen.share < (LAWS_DIFFER if alone else LAW_DIFFERS):
         return False
-    for effect in effects:
-        less = without_effect(problem, facts.root, chosen.model_fit, effect)
-        parts = explained_of_rest(problem, less.model_fit, chosen.model_fit) if less is not None else []
-        if not parts or any(part.plain_share < problem.policy.partly for part in parts):
-            return False
-    return True
+    return all(
+        parts and all(part.plain_share >= problem.policy.partly for part in parts)
+        for parts in _parts_of_each(problem, facts.root, chosen.model_fit)
+    )
+
+
+def _alone(problem: Problem, effect: str) -> bool:
+    """Whether all that can look like an effect was looked for; of a spring between two masses nobody can say so."""
+    sought = {kind.name for kind in problem.candidates}
+    return effect != SPRING.name and sought.issuperset(usual_rivals(effect))
+
+
+def _parts_of_each(problem: Problem, root: ModelFit, model_fit: ModelFit) -> Iterator[list[Explained]]:
+    """What each of several effects explains of what the others leave, of training and veto; none where it is needed for
+    a twin that is stable."""
+    for effect in model_fit.effects:
+        less = without_effect(problem, root, model_fit, effect)
+        yield explained_of_rest(problem, less.model_fit, model_fit) if less is not None else []
 
 
 def _of_place(problem: Problem, root: ModelFit) -> bool:

@@ -98,7 +98,7 @@ class SimDrive:
         self._fault = 0
         self._mode = ServoMode.POSITION
         self._demand = self._demand_before = 0.0
-        self._ways = Ways()
+        self._ways = Ways(self._servo.period)
         self._missed = 0
         self._altered = AlteredCommands(0.0)
         self._leap = LEAP

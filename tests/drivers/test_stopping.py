@@ -102,7 +102,7 @@ def test_answers_in_a_burst_tell_one_place_twice() -> None:
 
 @pytest.mark.parametrize("when", ["before", "within"])
 def test_an_axis_that_has_waited_for_a_late_host_is_no_dead_encoder(when: str) -> None:
-    ways = Ways()
+    ways = Ways(LIMITS.period)
     for k in range(4):
         ways.see(0.01 * k, missed=60 * (k == 2))
     assert ways.late

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from autotune.cli.one_bar import one_bar
+from autotune.view.console import ConsoleProgress
 
 
 def test_many_steps_are_one_bar(capsys: pytest.CaptureFixture[str]) -> None:
@@ -27,3 +28,13 @@ def test_what_is_left_goes_by_the_rows_and_by_long_steps(capsys: pytest.CaptureF
     err = capsys.readouterr().err
     assert "about 46 s in total" in err
     assert "90 %" not in err
+
+
+def test_only_more_steps_than_foreseen_are_longer_than_usual(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit has two; what may always be to come is no sign that more does."""
+    beyond: list[str] = []
+    monkeypatch.setattr(ConsoleProgress, "beyond", lambda _, what: beyond.append(what))
+    with one_bar("fit", 2) as step:
+        for what in ("fit of all motion together", "fit of the model as it is", "another fit"):
+            step(what)
+    assert beyond == ["another fit"]

@@ -42,7 +42,6 @@ class Exchange:
         values: what the drive told last: status, position, torque demand, torque, velocity, and then
             torque feedback where the profile has it.
         ways: in the last cycles, as the drive counts positions.
-        passed: cycles between the last two answers, by the clock; nan where that is not known.
         slow: what the slow PDO told last (temperature), raw; None while it told nothing.
         slow_overdue: it has told something, and `SLOW_LOST` of its messages in a row have not come since.
     """
@@ -64,9 +63,7 @@ class Exchange:
         self._tries = 1 if lock_step else profile.cycle.lost_cycles + 1
         self._due = 0.0
         self._expected: int | None = None
-        self._answered_at = math.inf
-        self.passed = math.nan
-        self.ways = Ways()
+        self.ways = Ways(period)
         self._boots = node.boots
         self._outputs: list[tuple[int, struct.Struct, int, int]] = []
         self._listen()
@@ -151,7 +148,6 @@ class Exchange:
         self._due = time.monotonic()
         self._expected = None
         self._boots = self._node.boots
-        self._answered_at = math.inf
         self.ways.begin()
         self._wire.drain()
 
@@ -176,9 +172,7 @@ class Exchange:
             if self._answered():
                 self.count += missed + 1
                 self.healthy = True
-                before, self._answered_at = self._answered_at, time.monotonic()
-                self.passed = math.nan if self._lock_step else (self._answered_at - before) / self._period
-                self.ways.see(self.values[1], missed, self.passed)
+                self.ways.see(self.values[1], missed, math.nan if self._lock_step else time.monotonic())
                 return missed
             missed += 1
             self._expected = None

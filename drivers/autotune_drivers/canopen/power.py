@@ -243,7 +243,7 @@ class Power:
             hold = self._exchange.values[1]
             if self._state not in POWERED:
                 break
-            watch.see(*self._motion, missed, self._exchange.passed)
+            watch.see(*self._motion, missed, self._exchange.ways.passed)
             at_rest = abs(self._exchange.values[4]) <= 1.0 and self._state is State.QUICK_STOP
             still = still + 1 if at_rest else 0
             deaf = self._deaf(turn, QUICK_STOP)

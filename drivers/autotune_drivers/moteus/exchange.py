@@ -80,7 +80,6 @@ class MoteusExchange:
         state: what the controller told last.
         temperature_overdue: it told a temperature before, but no number for `TEMPERATURE_AGE`.
         ways: in the last cycles [rev].
-        passed: cycles between the last two answers, by the clock; nan where that is not known.
         punctuality: how late this host was.
     """
 
@@ -110,9 +109,8 @@ class MoteusExchange:
         self._due = 0.0
         self.punctuality = Punctuality()
         self._left = math.inf
-        self.passed = math.nan
         self._ahead = math.nan
-        self.ways = Ways()
+        self.ways = Ways(period)
         self._last_temperature = math.nan
         self._cold_cycles = 0
         self._temperature = TEMPERATURES.get(temperature)
@@ -189,10 +187,10 @@ class MoteusExchange:
             if heard.reply is not None:
                 self.count += missed + 1
                 self.healthy = True
-                before, self._left = self._left, time.monotonic()
-                self.passed = math.nan if self._lock_step else (self._left - before) / self._period
+                self._left = time.monotonic()
                 if self.state is not None:
-                    self.ways.see(self.state.position, missed, self.passed)
+                    now = math.nan if self._lock_step else self._left
+                    self.ways.see(self.state.position, missed, now)
                 return missed
             self._node.note_refusal(heard.refusal)
             if not heard.refusal:

@@ -164,14 +164,15 @@ class MoteusPower:
                 power is off, and in taking it off a fault came that nobody has told yet, or the axis did
                 not brake.
         """
-        waits_at = self._exchange.waits_at
-        if math.isfinite(waits_at):
+        waits_at = self._exchange.waits_at if brake else math.nan
+        waits = math.isfinite(waits_at)
+        if waits:
             position, velocity = waits_at, 0.0
-        if math.isfinite(waits_at) or not self._exchange.healthy:
+        if waits or not self._exchange.healthy:
             self._exchange.look()
-        moved = self._exchange.ways.longest * self._scale / self._period
-        late = self._exchange.ways.late
-        watch = StopWatch(self._limits, self._motion[1], moved, velocity * self._scale, late)
+        ways = self._exchange.ways
+        moved = ways.longest * self._scale / self._period
+        watch = StopWatch(self._limits, self._motion[1], moved, velocity * self._scale, ways.late)
         if not math.isfinite(velocity):
             velocity = 0.0  # nothing to begin a ramp with; the watch ends it at once
         if self._state.mode == Mode.POSITION and brake:
@@ -222,7 +223,7 @@ class MoteusPower:
             state = self._state
             if state.mode != Mode.POSITION:
                 return
-            watch.see(*self._motion, missed, self._exchange.passed)
+            watch.see(*self._motion, missed, self._exchange.ways.passed)
             if watch.runs_away:
                 return
             still = still + 1 if slower == 0.0 and abs(state.velocity) < _REST_SPEED else 0
