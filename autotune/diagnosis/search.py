@@ -29,7 +29,7 @@ from autotune.diagnosis.contact_laws import (
     without_memory,
 )
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.evidence.torque_path import CYCLES, cycles_in_place, dead_time_in_place, lag_in_loop
+from autotune.diagnosis.evidence.torque_path import CLEARLY_LESS, CYCLES, cycles_in_place, dead_time_in_place, lag_in_loop, sees_late
 from autotune.diagnosis.free_shape import like_a_motor
 from autotune.diagnosis.refits import (
     REFINED,
@@ -495,7 +495,7 @@ def _without_chains_lag(state: SearchState) -> None:
 
 def _cycles_do(state: SearchState, chosen: FittedCandidate) -> bool:
     """Whether whole cycles leave as little in the place of the chosen lag, in the twin: then they are taken."""
-    least = LEVEL_GROUND * chosen.model_fit.fitted.cost
+    least = (CLEARLY_LESS if sees_late(state.problem) else LEVEL_GROUND) * chosen.model_fit.fitted.cost
     found = cycles_in_place(state.problem, chosen.model_fit) if state.problem.twin else []
     again, bare = min(found, key=lambda one: one[1].fitted.cost, default=(state.problem, chosen.model_fit))
     if again is state.problem or bare.fitted.cost > least:
