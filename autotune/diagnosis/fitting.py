@@ -8,12 +8,12 @@ the error before and after on data that no fit ever saw.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from autotune.core.arrays import Flags, Floats
+from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import Progress, model_from, no_progress
@@ -26,7 +26,7 @@ from autotune.diagnosis.screening import screen
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.contact_start import LEAST_ROWS, BaseTold, begun_contact
+from autotune.estimation.contact_start import LEAST_ROWS, BaseTold, begun_contact, inertia_between_torques
 from autotune.estimation.data import TRAINING, Prepared, prepare
 from autotune.estimation.least_squares import Fitted, covariance, standard_errors
 from autotune.estimation.policy import POLICY, Policy
@@ -44,6 +44,14 @@ WAVE_ROWS, MOST_ORDER = 6000, 400.0
 """Rows in which waves over position are looked for before anything is fitted, and the largest order."""
 POOR = 0.2
 """Relative error above which a user is told of it."""
+TORQUES_DIFFER = 0.01
+"""Of the inertia, by which two torques must differ for a user to be told of it."""
+WITHIN_A_CYCLE = (
+    "By the torque's sensor the inertia is {:.2g} % {} than by the demand. Within a cycle a drive's torque changes with "
+    "the acceleration where its position loop works less often than its velocity loop, and what is read at one moment "
+    "of the cycle has a part of it. So the inertia is known to ±{:.2g} % (1σ) only: record the mean of the torque over "
+    "the cycle, or take the inertia from the drawing."
+)
 OF_MOTION = ("inertia", "viscous", "stiffness", "micro_damping")
 """What only quick motion tells: not samples that are too slow for the torque."""
 
@@ -83,6 +91,8 @@ def fit_model(
         problem, _, model_fit = grown(problem, model_fit, nominal, effect, start)
     notes = (*notes, *torque_path_notes(problem.data, problem.controller))
     errors = _standard_errors(problem, model_fit.fitted)
+    errors, said = _between_torques(problem, data, model_fit.fitted, errors)
+    notes = (*notes, *said)
     model = model_from(start, model_fit.fitted.packed, model_fit.fitted.free, errors)
     relative = relative_error(problem, model_fit)
     reason = _reason(model, policy)
@@ -105,20 +115,60 @@ def fit_model(
 
 
 def _standard_errors(problem: Problem, fitted: Fitted) -> Floats:
-    """Of the free parameters, in their units, shape (k,): where nothing repeats, at least what seconds disagree by.
+    """Of the free parameters, in their units, shape (k,): at least what seconds disagree by.
 
-    What a single recording's model lacks is no noise that rows a few apart would average; left out second by second, it
-    says how much of it each parameter takes (`normal_equations`).
+    What a model lacks is no noise that rows a few apart would average; left out second by second, it says how much of
+    it each parameter takes (`normal_equations`). It comes again with each repeat of an experiment, so that these seconds
+    are one.
     """
     data, plain = problem.data, standard_errors(fitted, problem.training)
-    if data.repeated or data.steady:
+    if data.steady:
         return plain
-    rows = problem.training > 0
     seconds = float(np.median(np.diff(data.grid[:50]))) * data.period
     block = max(1, round(BLOCK_SECONDS * data.pace / seconds))
-    part = Part(fitted.error[rows], fitted.jacobian[rows], fitted.jacobian[rows], block)
-    spread = np.sqrt(np.maximum(np.diag(assemble([part]).covariance), 0.0)) * fitted.scales
+    root = np.sqrt(problem.training)
+    error, columns = root * fitted.error, root[:, None] * fitted.jacobian
+    variance = float(np.mean(error[root > 0] ** 2))
+    parts = [
+        Part(error[rows], columns[rows], columns[rows], block * repeats, 1.0 / max(variance, 1e-300))
+        for rows, repeats in _rows_of_like_moments(problem)
+    ]
+    spread = np.sqrt(np.maximum(np.diag(assemble(parts).covariance), 0.0)) * fitted.scales
     return np.asarray(np.maximum(plain, spread))
+
+
+def _rows_of_like_moments(problem: Problem) -> Iterator[tuple[Integers, int]]:
+    """Rows that were fitted, those of one moment of all repeats side by side, and how many repeats there are."""
+    data, fitted = problem.data, problem.training > 0
+    alone = fitted.copy()
+    for block in data.blocks:
+        if block.repeats > 1:
+            rows = block.by_repeat(np.arange(len(data.grid))).T.ravel()
+            alone[block.rows] = False
+            if fitted[rows].any():
+                yield rows[fitted[rows]], block.repeats
+    if alone.any():
+        yield np.flatnonzero(alone), 1
+
+
+def _between_torques(
+    problem: Problem, data: Prepared, fitted: Fitted, errors: Floats
+) -> tuple[Floats, tuple[str, ...]]:
+    """Standard errors with what demand and sensor disagree by about the inertia, and what is to be said of it.
+
+    Anything from the one to the other is as likely. A demand that an exact law explains is held from row to row: there
+    is nothing within a row.
+    """
+    law = problem.controller
+    apart = math.nan if data.steady or (law is not None and law.exact) else inertia_between_torques(data)
+    place = next((i for i, one in enumerate(fitted.free) if one.slot == layout.INERTIA), None)
+    if not math.isfinite(apart) or place is None:
+        return errors, ()
+    doubt, errors = abs(apart) / math.sqrt(12.0), errors.copy()
+    errors[place] = math.hypot(errors[place], doubt * fitted.values[place])
+    which = "less" if apart < 0.0 else "more"
+    said = WITHIN_A_CYCLE.format(100.0 * abs(apart), which, 100.0 * doubt)
+    return errors, (said,) if abs(apart) >= TORQUES_DIFFER else ()
 
 
 def relative_error(problem: Problem, model_fit: ModelFit) -> float:
