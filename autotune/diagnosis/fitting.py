@@ -160,11 +160,12 @@ def _between_torques(
     is nothing within a row.
     """
     law = problem.controller
-    apart = math.nan if data.steady or (law is not None and law.exact) else inertia_between_torques(data)
+    within = math.nan if data.steady or (law is not None and law.exact) else inertia_between_torques(data)
     place = next((i for i, one in enumerate(fitted.free) if one.slot == layout.INERTIA), None)
-    if not math.isfinite(apart) or place is None:
+    if not math.isfinite(within) or place is None:
         return errors, ()
-    doubt, errors = abs(apart) / math.sqrt(12.0), errors.copy()
+    apart, errors = within / fitted.values[place], errors.copy()
+    doubt = abs(apart) / math.sqrt(12.0)
     errors[place] = math.hypot(errors[place], doubt * fitted.values[place])
     which = "less" if apart < 0.0 else "more"
     said = WITHIN_A_CYCLE.format(100.0 * abs(apart), which, 100.0 * doubt)

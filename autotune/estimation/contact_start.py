@@ -99,10 +99,10 @@ class BaseTold:
 
 
 def inertia_between_torques(data: Prepared) -> float:
-    """Inertia by the torque's sensor less that by the demand, over inertia; nan where files do not hold both.
+    """Inertia by the torque's sensor less that by the demand [kg m² or kg]; nan where files do not hold both.
 
-    Least squares of the sensor in demand, its slope (the one is later), acceleration, velocity and a constant. Zero
-    where both are of one torque, whatever the sensor's scale. A loop between the rows changes its torque within each,
+    Least squares of the sensor in demand, its slope and bend (the one is later), acceleration, velocity and a constant.
+    Zero where both are of one torque, whatever the sensor's scale. A loop between the rows changes its torque within each,
     and where its position loop works less often than its velocity loop it does so with the acceleration, by as much as
     the velocity moves meanwhile: what is read at a moment has too little or too much of the inertia, and the newest
     demand and the torque before it have it wrong by opposite parts.
@@ -110,15 +110,15 @@ def inertia_between_torques(data: Prepared) -> float:
     if data.sensed is None:
         return math.nan
     rows, demand = data.role(TRAINING), data.recorded_torque
-    slope = np.empty(len(demand))
+    slope, bend = np.empty(len(demand)), np.empty(len(demand))
     for stretch in data.stretches:
         slope[stretch.rows] = np.gradient(demand[stretch.rows])
-    parts = (data.acceleration, demand, slope, data.velocity, np.ones(len(demand)))
+        bend[stretch.rows] = np.gradient(slope[stretch.rows])
+    parts = (data.acceleration, demand, slope, bend, data.velocity, np.ones(len(demand)))
     table = np.column_stack([smoothed(data, np.ascontiguousarray(one))[rows] for one in parts])
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     found = np.linalg.lstsq(table / size, smoothed(data, data.sensed)[rows], rcond=1e-10)[0] / size
-    inertia = BaseTold.of(data).found["inertia"]
-    return float(found[0] / inertia) if inertia > 0.0 else math.nan
+    return float(found[0])
 
 
 def begun_contact(problem: Problem, values: Mapping[str, float]) -> Packed:
