@@ -47,10 +47,10 @@ POOR = 0.2
 TORQUES_DIFFER = 0.01
 """Of the inertia, by which two torques must differ for a user to be told of it."""
 WITHIN_A_CYCLE = (
-    "By the torque's sensor the inertia is {:.2g} % {} than by the demand. Within a cycle a drive's torque changes with "
-    "the acceleration where its position loop works less often than its velocity loop, and what is read at one moment "
-    "of the cycle has a part of it. So the inertia is known to ±{:.2g} % (1σ) only: record the mean of the torque over "
-    "the cycle, or take the inertia from the drawing."
+    "By the torque's sensor the inertia is {:.2g} % {} than by the demand. Within a cycle a drive's torque changes "
+    "with the acceleration where its position loop works less often than its velocity loop, and what is read at one "
+    "moment of the cycle has a part of it. So the inertia is known to ±{:.2g} % (1σ) only: record the mean of the "
+    "torque over the cycle, or take the inertia from the drawing."
 )
 OF_MOTION = ("inertia", "viscous", "stiffness", "micro_damping")
 """What only quick motion tells: not samples that are too slow for the torque."""
@@ -118,8 +118,8 @@ def _standard_errors(problem: Problem, fitted: Fitted) -> Floats:
     """Of the free parameters, in their units, shape (k,): at least what seconds disagree by.
 
     What a model lacks is no noise that rows a few apart would average; left out second by second, it says how much of
-    it each parameter takes (`normal_equations`). It comes again with each repeat of an experiment, so that these seconds
-    are one.
+    it each parameter takes (`normal_equations`). It comes again with each repeat of an experiment: these seconds are
+    one.
     """
     data, plain = problem.data, standard_errors(fitted, problem.training)
     if data.steady:

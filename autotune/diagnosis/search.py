@@ -29,7 +29,14 @@ from autotune.diagnosis.contact_laws import (
     without_memory,
 )
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.evidence.torque_path import CLEARLY_LESS, CYCLES, cycles_in_place, dead_time_in_place, lag_in_loop, sees_late
+from autotune.diagnosis.evidence.torque_path import (
+    CLEARLY_LESS,
+    CYCLES,
+    cycles_in_place,
+    dead_time_in_place,
+    lag_in_loop,
+    sees_late,
+)
 from autotune.diagnosis.free_shape import like_a_motor
 from autotune.diagnosis.refits import (
     REFINED,

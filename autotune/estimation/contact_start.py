@@ -101,11 +101,11 @@ class BaseTold:
 def inertia_between_torques(data: Prepared) -> float:
     """Inertia by the torque's sensor less that by the demand [kg m² or kg]; nan where files do not hold both.
 
-    Least squares of the sensor in demand, its slope and bend (the one is later), acceleration, velocity and a constant.
-    Zero where both are of one torque, whatever the sensor's scale. A loop between the rows changes its torque within each,
-    and where its position loop works less often than its velocity loop it does so with the acceleration, by as much as
-    the velocity moves meanwhile: what is read at a moment has too little or too much of the inertia, and the newest
-    demand and the torque before it have it wrong by opposite parts.
+    Least squares of the sensor in demand, its slope and bend (the one is later), acceleration, velocity and a
+    constant. Zero where both are of one torque, whatever the sensor's scale. A loop between the rows changes its
+    torque within each, and where its position loop works less often than its velocity loop it does so with the
+    acceleration, by as much as the velocity moves meanwhile: what is read at a moment has too little or too much of
+    the inertia, and the newest demand and the torque before it have it wrong by opposite parts.
     """
     if data.sensed is None:
         return math.nan
