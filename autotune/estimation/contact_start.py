@@ -110,15 +110,12 @@ def inertia_between_torques(data: Prepared) -> float:
     if data.sensed is None:
         return math.nan
     rows, demand = data.role(TRAINING), data.recorded_torque
-    slope, bend = np.empty(len(demand)), np.empty(len(demand))
-    for stretch in data.stretches:
-        slope[stretch.rows] = np.gradient(demand[stretch.rows])
-        bend[stretch.rows] = np.gradient(slope[stretch.rows])
-    parts = (data.acceleration, demand, slope, bend, data.velocity, np.ones(len(demand)))
+    slope = np.gradient(demand)
+    parts = (data.acceleration, demand, slope, np.gradient(slope), data.velocity, np.ones(len(demand)))
     table = np.column_stack([smoothed(data, np.ascontiguousarray(one))[rows] for one in parts])
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     found = np.linalg.lstsq(table / size, smoothed(data, data.sensed)[rows], rcond=1e-10)[0] / size
-    return float(found[0])
+    return float(found[0] / found[1]) if found[1] > 0.0 else math.nan
 
 
 def begun_contact(problem: Problem, values: Mapping[str, float]) -> Packed:
