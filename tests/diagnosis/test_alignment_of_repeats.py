@@ -26,6 +26,7 @@ from autotune.diagnosis.evidence.torque_path import (
     lag_in_loop,
     late_anew,
     recorded_otherwise,
+    sees_late,
     without_long_lag,
 )
 from autotune.diagnosis.found_model import torque_late
@@ -791,3 +792,18 @@ def test_damping_in_presliding_is_found_again_by_twins_where_a_fit_was_led_astra
     assert found.fitted.cost < 1.05 * root.fitted.cost
     assert float(found.fitted.packed.p[layout.MICRO_DAMPING]) == pytest.approx(own, rel=0.4)
     assert damped_as_twins_creep(replace(problem, controller=None), wrong) is wrong
+
+
+@pytest.mark.parametrize(
+    ("delay", "cycles", "late"), [(0, 0, False), (1, 0, True), (1, 1, False), (2, 1, True)]
+)
+def test_a_law_that_sees_later_than_its_cycles_has_told_when_its_torque_acts(
+    begun: Begun, delay: int, cycles: int, late: bool
+) -> None:
+    problem = begun[0]
+    assert problem.controller is not None
+    rows = problem.data.upsampling * delay
+    law = replace(problem.controller, position_delay=rows)
+    seen = replace(problem, controller=law, data=replace(problem.data, cycles=cycles))
+    assert sees_late(seen) is late
+    assert not sees_late(replace(seen, controller=None))

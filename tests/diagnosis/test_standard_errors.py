@@ -22,11 +22,10 @@ INERTIA = "inertia"
 Played = Callable[..., Recording]
 
 
-def coulomb_off(recording: Recording, seed: int) -> float:
-    """Coulomb friction that is fitted less the true one, in its standard errors."""
-    bristle = plain_axis(seed).plant.bristle
+def coulomb_off(model: DriveModel) -> float:
+    """Coulomb friction that was fitted less the true one, in its standard errors."""
+    bristle = plain_axis(SEED).plant.bristle
     assert bristle is not None
-    model = fit_model([recording]).model
     return abs(model["coulomb"] - bristle.coulomb) / error_of(model, "coulomb")
 
 
@@ -39,12 +38,12 @@ def error_of(model: DriveModel, name: str) -> float:
 @pytest.mark.parametrize("effect", ["stribeck", "dwell_time_break_away", "nonlinear_viscous"])
 def test_beside_a_hidden_effect_they_are_of_the_size_of_the_error(recorded: Played, effect: str) -> None:
     """By rows a few apart it is 17 to 60 of them."""
-    assert coulomb_off(recorded(SEED, **{effect: MEDIUM[effect]}), SEED) < 8.0
+    assert coulomb_off(fit_model([recorded(SEED, **{effect: MEDIUM[effect]})]).model) < 8.0
 
 
 def test_where_nothing_is_missing_they_are_as_small_as_the_noise(recorded: Played) -> None:
     model = fit_model([recorded(SEED)]).model
-    assert coulomb_off(recorded(SEED), SEED) < 4.0
+    assert coulomb_off(model) < 4.0
     assert error_of(model, "coulomb") < 2e-3 * model["coulomb"]
     assert error_of(model, INERTIA) < 5e-3 * model[INERTIA]
 

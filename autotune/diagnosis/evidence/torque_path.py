@@ -568,9 +568,11 @@ def _ordinary(
     if not usual:
         return problem
     best = min(usual, key=lambda one: one.cost)
-    least = min(one.cost for one in trials)
     if best.data.cycles > 0 and sees_late(problem):
-        least = min(least, CLEARLY_LESS**2 * min(one.cost for one in trials if one.data.cycles == 0))
+        lag = min(one.cost for one in trials if one.data.cycles == 0)
+        if best.cost > CLEARLY_LESS * lag:
+            return _with_cycles_again(problem)
+    least = min(one.cost for one in trials)
     if best.data.cycles > 0:
         steep = _late_by(problem, model_fit, 0, STAGES)
         least = least if _is_current_loop(problem, model_fit, steep, STAGES) else min(least, steep.cost)
