@@ -155,6 +155,9 @@ def compare_alternatives(
 def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere]) -> Found:
     """Of effects that one recording cannot tell from each other the one that errs least on others, and no rivals that
     err clearly more there.
+
+    Recordings on which that one lowers no error say nothing of it, and of its rivals only that they raise it more: a
+    torque that comes from elsewhere hides there what is looked for, and what is fitted least harms least.
     """
     chosen = found.chosen
     if chosen is None:
@@ -169,11 +172,26 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
         return found
     best, least = min(known, key=lambda one: one[1].total)
     policy = found.problem.policy
-    worse = {item.effect for item, error in known if item is not best and _clearly_less(policy, least, error)}
+    behind = [item for item, error in known if item is not best and _clearly_less(policy, least, error)]
+    worse = {item.effect for item in behind}
     if best is not chosen and chosen.effect not in worse:  # better by chance
+        return found
+    if not all(_lowers_there(found, best, item, others) for item in behind):
         return found
     freed = {effect: named for effect, named in found.freed.items() if effect in best.model_fit.effects}
     return replace(found, chosen=best, freed=freed, told_apart=tuple(sorted(worse)))
+
+
+def _lowers_there(
+    found: Found, best: FittedCandidate, other: FittedCandidate, others: Sequence[Elsewhere]
+) -> bool:
+    """Whether a model errs less on other recordings than without the effect that it has in place of another one's."""
+    own = sorted(set(best.model_fit.effects) - set(other.model_fit.effects))
+    less = _fit_without(found.problem, found.root, best.model_fit, own[0]) if own else found.root
+    errors = [None if one is None else _pieces(others, one) for one in (less, best.model_fit)]
+    if errors[0] is None or errors[1] is None:
+        return False
+    return _lowers(found.problem.policy, *gain_and_z(errors[0], errors[1]))
 
 
 def in_words(carried: Sequence[HoldoutResult]) -> tuple[str, ...]:
@@ -231,11 +249,16 @@ def _carried(
     gain, z = gain_and_z(Unseen(np.array(before)), Unseen(np.array(after)))
     if not math.isfinite(gain):
         return None
-    lowers = gain >= policy.confirming_gain or (gain >= policy.least_gain and z >= policy.apart_z)
+    lowers = _lowers(policy, gain, z)
     raises = gain < 0.0
     if others[0].own_base:  # refitted, a base differs by chance beside what is not seen there
         raises = gain <= -policy.least_gain and z <= -policy.apart_z and not EFFECTS[effect].keeps_zero
     return HoldoutResult(effect, gain, z, lowers, refuted=raises)
+
+
+def _lowers(policy: Policy, gain: float, z: float) -> bool:
+    """Whether an effect lowers the error there beyond chance."""
+    return gain >= policy.confirming_gain or (gain >= policy.least_gain and z >= policy.apart_z)
 
 
 def _rival(problem: Problem, one: ScreenedCandidate, effect: str, gain: float) -> bool:

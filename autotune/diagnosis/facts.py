@@ -258,7 +258,8 @@ class Facts:
 
     @property
     def contested(self) -> tuple[str, ...]:
-        """Effects that keep the chosen one's free course from its name, where each explains enough for one itself.
+        """Effects that keep the chosen one's free course from its name, where each explains as much as a name asks of all
+        that the chosen one does.
 
         One of them is missing; which, only another motion tells.
         """
@@ -268,7 +269,8 @@ class Facts:
         if not self._explained or self._needless_gap or self._doubted:
             return ()
         alike = self._unbeaten
-        return alike if all(shares.get(one, 0.0) >= self.problem.policy.named for one in alike) else ()
+        least = self.problem.policy.named * min(chosen.share, 1.0)
+        return alike if all(shares.get(one, 0.0) >= least for one in alike) else ()
 
     def _any_course(self, rival: FittedCandidate | None) -> bool:
         """Whether a rival's course could be any smooth one over so little travel."""
