@@ -31,6 +31,7 @@ from autotune.diagnosis.free_shape import (
     at_an_edge,
     like_a_motor,
     like_a_spring,
+    like_a_weight,
     out_of_proportion,
     relaxing,
     with_free_shape,
@@ -52,6 +53,7 @@ from autotune.estimation.cross_validation import (
 )
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
+from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE
 from autotune.models.reversal_memory import REVERSAL_MEMORY, contact, stands_alone
 from autotune.models.spring import SPRING as PULL
 from autotune.models.table import EFFECTS, usual_rivals
@@ -412,13 +414,23 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
         doubtful = tuple(one for one in facts.rivals if one not in behind)
         facts = replace(facts, rivals=doubtful or _untold(facts, found.told_apart, behind))
     if named:
-        return facts
+        return _or_a_weight(facts, found.told_apart)
     breathing = breathing_friction(problem, final) if evidence.repeats else None
     facts = replace(facts, breathing=breathing, overlooked=evidence.overlooked(problem, root, found.first))
     left = _something_left(facts, found.sliding or problem)
     left = left or (chosen is None and _of_place(problem, root))
     climbing = found.sliding is not None and not left and _something_left(facts, problem)
     return replace(facts, left=left, climbing=climbing)
+
+
+def _or_a_weight(facts: Facts, told_apart: Sequence[str]) -> Facts:
+    """The facts with the weight among the rivals that may stand for a spring by another law."""
+    chosen, weight = facts.chosen, GRAVITY_IMBALANCE.name
+    if chosen is None or weight in (*facts.rivals, *told_apart, *chosen.model_fit.effects):
+        return facts
+    alike = facts.evidence.alike(facts.problem)
+    as_well = like_a_weight(facts.problem, facts.root, chosen.model_fit, alike)
+    return replace(facts, rivals=(*facts.rivals, weight)) if as_well else facts
 
 
 def _each_told(facts: Facts) -> bool:

@@ -32,7 +32,7 @@ from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind, Proportion
 from autotune.models.look_alikes import IN_TORQUE
 from autotune.models.reversal_memory import REVERSAL_MEMORY
-from autotune.models.spring import SPRING
+from autotune.models.spring import RAMPS, SPRING
 from autotune.models.start_values import StartValues
 from autotune.models.table import EFFECTS
 from autotune.signals.chunks import beyond_chance, by_second
@@ -43,6 +43,8 @@ NEAR_AN_EDGE = 0.01
 KNEES = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Of the largest torque: where a course over it bends, to be any course."""
 MET_AT = np.arange(1, 16) / 16.0
+PARTS_OF_A_TURN = np.arange(4, 25) / 16.0
+"""Of a load behind a gear over the travel: further round it shows a wave's course."""
 FINE_PLACE = 1e-3
 """Of the travel: where a spring may be met on the way, and to what that is found."""
 BETWEEN, WITHIN = (-1.0, 3.0), 0.02
@@ -149,6 +151,40 @@ def like_a_spring(
     return any(_as_well(problem, root, model_fit, effect, table, alike) for table in springs)
 
 
+def like_a_weight(problem: Problem, root: ModelFit, model_fit: ModelFit, alike: float) -> bool:
+    """Whether a weight behind a gear explains as much as a spring whose course is free, and more than plain springs.
+
+    Over a part of its turn a wave is a smooth course, too; with its order and phase it has three coefficients for that,
+    where the course has many. So has a spring that hardens, or is met on the way: where one of those errs no more
+    beyond chance, it is a spring. `alike` as in `like_a_spring`.
+    """
+    ramps = {SPRING.slot(f"ramp_{i}") for i in range(1, RAMPS + 1)}
+    freed = any(one.slot in ramps for one in model_fit.free)
+    if not freed or problem.data.metadata.motion_unit != "rad":
+        return False
+
+    def left_by(columns: Floats) -> Floats:
+        return _left(problem, root, model_fit, SPRING.name, columns)[1]
+
+    place = _place(problem)
+    angles = np.outer(2.0 * math.pi * PARTS_OF_A_TURN, place / np.ptp(place))
+    waves = [np.column_stack([np.sin(angle), np.cos(angle)]) for angle in angles]
+    best = min(waves, key=lambda wave: float(left_by(wave).sum()))
+    if not _as_well(problem, root, model_fit, SPRING.name, best, alike):
+        return False
+    wave, apart = left_by(best), problem.policy.apart_z
+    return all(beyond_chance(left_by(one) - wave, apart) for one in _plain_springs(place, left_by))
+
+
+def _plain_springs(place: Floats, left_by: Callable[[Floats], Floats]) -> Iterator[Floats]:
+    """Columns of springs that harden to one side or to both, and of those that are met on the way; (m, k) each."""
+    middle = place - np.min(place) - 0.5 * np.ptp(place)
+    for one, power in ((place, 2), (middle, 3)):
+        yield np.column_stack([one, one**power])
+    for side in (1.0, -1.0):
+        yield _met(place, _where_met(place, side, left_by), side)
+
+
 def rather_a_spring(problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
     """Whether a spring of two coefficients is likelier than the one effect found, a wave that has as many.
 
@@ -158,14 +194,12 @@ def rather_a_spring(problem: Problem, root: ModelFit, model_fit: ModelFit) -> bo
     turns round nowhere, and a wave of any phase does so within a quarter of its turn as often as not.
     """
     place, effect = _place(problem), model_fit.effects[0]
-    middle = place - np.min(place) - 0.5 * np.ptp(place)
     wave = _left(problem, root, model_fit, effect, place[:, None])[0]
 
     def left_by(columns: Floats) -> Floats:
         return _left(problem, root, model_fit, effect, columns)[1]
 
-    springs = [left_by(np.column_stack([one, one**power])) for one, power in ((place, 2), (middle, 3))]
-    springs += [left_by(_met(place, _where_met(place, side, left_by), side)) for side in (1.0, -1.0)]
+    springs = [left_by(columns) for columns in _plain_springs(place, left_by)]
     apart = problem.policy.apart_z
     if any(beyond_chance(wave - one, apart) for one in springs):
         return True

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from autotune.diagnosis import screening
+from autotune.diagnosis import free_shape, screening
 from autotune.diagnosis.base_laws import without_effects
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
@@ -22,6 +22,7 @@ from autotune.diagnosis.free_shape import (
     any_course,
     like_a_motor,
     like_a_spring,
+    like_a_weight,
     out_of_proportion,
     rather_a_spring,
 )
@@ -298,6 +299,35 @@ def test_of_a_wave_and_a_spring_that_bends_the_nearer_one_is_told(
     """Within three quarters of a turn, by as many coefficients each."""
     problem, _, bare, found = _with_a_weight(load, size, 5e-4)
     assert rather_a_spring(problem, bare, found) is spring
+
+
+@pytest.mark.parametrize(
+    ("load", "freed", "weight"),
+    [
+        (lambda q: 0.03 * np.sin(1.5 * q + 0.4), True, True),
+        (lambda q: 0.03 * np.sin(1.5 * q + 0.4), False, False),
+        (lambda q: 0.02 * np.maximum(q + 0.5, 0.0), True, False),
+        (lambda q: 0.02 * q + 0.02 * q**3, True, False),
+    ],
+)
+def test_a_weight_behind_a_gear_may_stand_for_a_spring_by_another_law(
+    load: Callable[[np.ndarray], np.ndarray], freed: bool, weight: bool
+) -> None:
+    """Over a part of a turn of the load its wave is a smooth course; what a plain spring explains as well is one."""
+    time = np.arange(0.0, 20.0, PERIOD)
+    q = 0.45 * (1.5 * np.sin(2 * np.pi * 0.31 * time) + 0.8 * np.sin(2 * np.pi * 0.73 * time + 1.0))
+    torque = _torque(q) + load(q) + np.random.default_rng(5).normal(0.0, 5e-4, len(q))
+    recording = _with(_recording(), position=np.round(q / COUNT) * COUNT, torque=torque)
+    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
+    plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
+    problem, root, _, _ = begin(
+        prepared_for([recording]), plain.with_effect(EFFECTS["spring"].make({"stiffness": 0.02}))
+    )
+    bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
+    spring = replace(root, effects=("spring",))
+    found = next(iter(free_shape._courses(problem, plain.pack(), spring, "spring"))) if freed else spring
+    assert found is not None
+    assert like_a_weight(problem, bare, found, POLICY.alike) is weight
 
 
 @pytest.mark.parametrize(
