@@ -260,9 +260,9 @@ class Facts:
 
     @property
     def contested(self) -> tuple[str, ...]:
-        """Effects that keep the chosen one's free course from its name, where each explains as much as a name asks of all
-        that the chosen one does.
+        """Effects that keep the chosen one's free course from its name, where each explains nearly as much.
 
+        That is of what the chosen one explains as much as a name asks of all.
         One of them is missing; which, only another motion tells.
         """
         chosen, shares = self.chosen, {item.effect: item.share for item in self.tried}

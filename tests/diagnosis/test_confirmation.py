@@ -141,7 +141,7 @@ def test_another_recording_tells_apart_what_one_cannot() -> None:
 
 @pytest.mark.parametrize("spring_there", [0.999, 1.1])
 def test_a_recording_on_which_no_effect_lowers_the_error_tells_none_apart(spring_there: float) -> None:
-    """Another joint moved beside it: load dependence raised the error by 1 % there, saturation by more, and was gone."""
+    """Another joint moved: load dependence raised the error by 1 % there, saturation by more, and was gone."""
     spring, imbalance = _item("spring"), _item("gravity_imbalance")
     found = _found(spring, (spring, imbalance))
     there = _leaves(plain=1.0, spring=spring_there, gravity_imbalance=1.6)

@@ -295,7 +295,13 @@ def test_a_rival_is_refuted_inside_the_twin(
     ("rival", "share", "accepts", "freed", "contested"),
     [
         (0.93, 0.97, True, {"stribeck": False}, ("dwell_time_break_away",)),
-        (0.899, 0.97, True, {"stribeck": False}, ("dwell_time_break_away",)),  # nine tenths of what the other does
+        (
+            0.899,
+            0.97,
+            True,
+            {"stribeck": False},
+            ("dwell_time_break_away",),
+        ),  # nine tenths of what the other does
         (0.85, 0.97, True, {"stribeck": False}, ()),  # less: it is no answer either
         (0.93, 0.85, False, {"stribeck": False}, ()),  # nor would the chosen one
         (0.93, 0.97, True, {}, ()),  # by their own laws rivals are compared elsewhere
