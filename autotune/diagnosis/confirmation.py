@@ -24,6 +24,7 @@ from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.single import carried_error, chunks_of
 from autotune.diagnosis.evidence.visibility import visible
+from autotune.diagnosis.free_shape import without_own_course
 from autotune.diagnosis.refits import inside_twin, without_effect
 from autotune.diagnosis.screening import rank
 from autotune.diagnosis.search import Found
@@ -32,6 +33,7 @@ from autotune.estimation.cross_validation import Unseen, gain_and_z
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
+from autotune.models.spring import SPRING
 from autotune.models.table import EFFECTS
 
 MOST_RIVALS = 3
@@ -157,7 +159,9 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
     err clearly more there.
 
     Recordings on which that one lowers no error say nothing of it, and of its rivals only that they raise it more: a
-    torque that comes from elsewhere hides there what is looked for, and what is fitted least harms least.
+    torque that comes from elsewhere hides there what is looked for, and what is fitted least harms least. Nor do they
+    tell a wave over a part of its turn from a spring: what errs there is the spring's own straight line, and one that
+    hardens, or is met on the way, is as smooth a course.
     """
     chosen = found.chosen
     if chosen is None:
@@ -172,7 +176,14 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
         return found
     best, least = min(known, key=lambda one: one[1].total)
     policy = found.problem.policy
-    behind = [item for item, error in known if item is not best and _clearly_less(policy, least, error)]
+    shapeless = best.effect in without_own_course(found.problem, best.model_fit)
+    behind = [
+        item
+        for item, error in known
+        if item is not best
+        and _clearly_less(policy, least, error)
+        and not (shapeless and item.effect == SPRING.name)
+    ]
     worse = {item.effect for item in behind}
     if best is not chosen and chosen.effect not in worse:  # better by chance
         return found

@@ -127,7 +127,8 @@ def test_one_of_several_is_asked_beside_the_others_with_values_of_their_own(
     assert {one.effect: one.lowers for one in carried} == {"spring": lowers, "gravity_imbalance": True}
 
 
-def test_another_recording_tells_apart_what_one_cannot() -> None:
+def test_another_recording_tells_apart_what_one_cannot(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(confirmation, "without_own_course", lambda *_: [])
     spring, imbalance = _item("spring"), _item("gravity_imbalance")
     found = _found(spring, (spring, imbalance))
     rivals = ("spring", "gravity_imbalance")
@@ -139,9 +140,23 @@ def test_another_recording_tells_apart_what_one_cannot() -> None:
     assert (alike.chosen, alike.told_apart) == (spring, ())
 
 
+def test_another_recording_tells_no_wave_over_a_part_of_its_turn_from_a_spring(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A buffer that is met on the way was a weight behind a gear of 1 : 15, confirmed; a straight line erred more."""
+    spring, imbalance = _item("spring"), _item("gravity_imbalance")
+    found = _found(imbalance, (spring, imbalance))
+    monkeypatch.setattr(confirmation, "without_own_course", lambda _, one: [*one.effects])
+    there = _leaves(plain=1.0, spring=0.6, gravity_imbalance=0.3)
+    assert told_apart(found, ("spring", "gravity_imbalance"), [there]).told_apart == ()
+
+
 @pytest.mark.parametrize("spring_there", [0.999, 1.1])
-def test_a_recording_on_which_no_effect_lowers_the_error_tells_none_apart(spring_there: float) -> None:
+def test_a_recording_on_which_no_effect_lowers_the_error_tells_none_apart(
+    monkeypatch: pytest.MonkeyPatch, spring_there: float
+) -> None:
     """Another joint moved: load dependence raised the error by 1 % there, saturation by more, and was gone."""
+    monkeypatch.setattr(confirmation, "without_own_course", lambda *_: [])
     spring, imbalance = _item("spring"), _item("gravity_imbalance")
     found = _found(spring, (spring, imbalance))
     there = _leaves(plain=1.0, spring=spring_there, gravity_imbalance=1.6)
