@@ -511,6 +511,16 @@ def test_positions_stay_where_no_row_is_late_or_another_law_would_tell_them() ->
     assert as_read(recording, replace(law, kd=1.05 * law.kd)) is recording
 
 
+def test_the_decimals_of_a_file_are_no_late_rows() -> None:
+    """Set points to a few decimals, as text files hold them, a twentieth of a count: most rows were told as late."""
+    recording = recorded(TRUE)
+    decimals = {name: np.round(recording[name], 7) for name in ("reference", "position")}
+    written = Recording.from_columns(dict(recording.floats) | decimals, recording.metadata, "motion")
+    law = controller_of(written)
+    assert law.exact
+    assert as_read(written, law) is written
+
+
 def test_a_hosts_law_keeps_its_gains_where_rows_are_late_and_the_torque_is_sensed() -> None:
     """Every row some hundredths of a sample late, and a sensor with noise: no row holds the law exactly."""
     recording = recorded(TRUE)
