@@ -162,7 +162,9 @@ def _read_in_turn(
         for i in range(1, 3):
             rest += recursion[4 + i] * told[k - i]
         ahead = position[k] + rest / recursion[4]
-        if abs(ahead) <= (max(within, 0.5 * counts) if known else within):  # decimals of a file are no late row
+        if abs(ahead) <= (
+            max(within, 0.5 * counts) if known else within
+        ):  # decimals of a file are no late row
             same, known = same + 1, True
         elif known:
             before, now = told[k - 1] - told[k - 2], position[k] - ahead - told[k - 1]
