@@ -67,14 +67,14 @@ from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 
 NO_TWIN = "No twin: "
-UNSTABLE, USELESS = "is unstable or rings", "explains less than none"
+UNSTABLE, USELESS = "is unstable or rings", "leaves more of the torque than no simulation does"
 LACKS_MOST = "lacks what makes most of the torque, such as gravity"
 HEAVY = (
     "Gravity, or a spring, makes most of the torque: beside it inertia and friction leave {:.2g} % of the torque's "
     "variance."
 )
 TWIN_AFTER_ALL = (
-    "A twin explained less than none of the model as it was, but more beside what was found: it is used."
+    "A twin left more than none with the model as it was, but less beside what was found: it is used."
 )
 BY_SENSOR = (
     "Of the two torques in the file 'torque', which was measured, is compared, and not the demand "

@@ -120,7 +120,7 @@ CYCLES_OR_LAG = (
 MOVED = (
     "The axis answers {late:.2g} ms after the torque that is recorded. A current loop or a filter between demand "
     "and torque is late so, and so is a torque that is read sooner than its row: nothing in these data tells which it "
-    "is. It is no effect of the axis beyond doubt, and taken out."
+    "is, nor whether it is an effect of the axis. It is taken out."
 )
 DELAYED = (
     "A dead time, as a host, a bus and a drive's input may have it, does as well as this lag: it delays the torque and "

@@ -71,7 +71,8 @@ class Controller:
         if kind != "pid" or set(values) - known or not {"kp", "kd", "ki"} <= set(values):
             raise RecordingError(
                 f"controller {text!r} is not understood; write 'pid kp=60 kd=0.15 ki=6000 "
-                "derivative_filter=0.5', or leave the line out and it is identified from the data"
+                "derivative_filter=0.5' (the last: share of a new difference in the filtered one, 1 for no filter); "
+                "leave the line out for any other law, such as cascaded loops: it is identified from the data"
             )
         try:
             gains = {name: float(value) for name, value in values.items()}
