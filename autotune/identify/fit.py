@@ -45,7 +45,9 @@ FILTERED = (
     "inertia, which is in its standard error"
 )
 HOLDS = "The torque holds"
-TWIN_WORSE = "a simulation of the model with this controller leaves more of the torque than no simulation does"
+TWIN_WORSE = (
+    "a simulation of the model with this controller leaves more of the torque than no simulation does"
+)
 
 
 @dataclass(frozen=True, slots=True)
