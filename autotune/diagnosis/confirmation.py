@@ -105,11 +105,18 @@ def hold_out(
     """For every effect found: what it does to the error on trajectories that were not fitted."""
     found = []
     for effect in chosen.model_fit.effects:
-        less = _fit_without(problem, root, chosen.model_fit, effect)
-        result = None if less is None else _carried(problem.policy, others, less, chosen.model_fit, effect)
+        result = _held_out(problem, root, chosen.model_fit, effect, others)
         if result is not None:
             found.append(replace(result, refuted=False) if effect in shown else result)
     return found
+
+
+def _held_out(
+    problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str, others: Sequence[Elsewhere]
+) -> HoldoutResult | None:
+    """The same for one effect; None where nothing can be compared."""
+    less = _fit_without(problem, root, model_fit, effect)
+    return None if less is None else _carried(problem.policy, others, less, model_fit, effect)
 
 
 def without(
@@ -187,22 +194,12 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
     worse = {item.effect for item in behind}
     if best is not chosen and chosen.effect not in worse:  # better by chance
         return found
-    if not all(_lowers_there(found, best, item, others) for item in behind):
+    own = {effect for item in behind for effect in set(best.model_fit.effects) - set(item.model_fit.effects)}
+    seen = [_held_out(found.problem, found.root, best.model_fit, effect, others) for effect in sorted(own)]
+    if not all(result is not None and result.lowers for result in seen):
         return found
     freed = {effect: named for effect, named in found.freed.items() if effect in best.model_fit.effects}
     return replace(found, chosen=best, freed=freed, told_apart=tuple(sorted(worse)))
-
-
-def _lowers_there(
-    found: Found, best: FittedCandidate, other: FittedCandidate, others: Sequence[Elsewhere]
-) -> bool:
-    """Whether a model errs less on other recordings than without the effect that it has in place of another one's."""
-    own = sorted(set(best.model_fit.effects) - set(other.model_fit.effects))
-    less = _fit_without(found.problem, found.root, best.model_fit, own[0]) if own else found.root
-    errors = [None if one is None else _pieces(others, one) for one in (less, best.model_fit)]
-    if errors[0] is None or errors[1] is None:
-        return False
-    return _lowers(found.problem.policy, *gain_and_z(errors[0], errors[1]))
 
 
 def in_words(carried: Sequence[HoldoutResult]) -> tuple[str, ...]:
@@ -260,16 +257,11 @@ def _carried(
     gain, z = gain_and_z(Unseen(np.array(before)), Unseen(np.array(after)))
     if not math.isfinite(gain):
         return None
-    lowers = _lowers(policy, gain, z)
+    lowers = gain >= policy.confirming_gain or (gain >= policy.least_gain and z >= policy.apart_z)
     raises = gain < 0.0
     if others[0].own_base:  # refitted, a base differs by chance beside what is not seen there
         raises = gain <= -policy.least_gain and z <= -policy.apart_z and not EFFECTS[effect].keeps_zero
     return HoldoutResult(effect, gain, z, lowers, refuted=raises)
-
-
-def _lowers(policy: Policy, gain: float, z: float) -> bool:
-    """Whether an effect lowers the error there beyond chance."""
-    return gain >= policy.confirming_gain or (gain >= policy.least_gain and z >= policy.apart_z)
 
 
 def _rival(problem: Problem, one: ScreenedCandidate, effect: str, gain: float) -> bool:

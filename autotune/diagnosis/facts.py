@@ -262,8 +262,8 @@ class Facts:
     def contested(self) -> tuple[str, ...]:
         """Effects that keep the chosen one's free course from its name, where each explains nearly as much.
 
-        That is of what the chosen one explains as much as a name asks of all.
-        One of them is missing; which, only another motion tells.
+        As much of what the chosen one does as a name asks of all. One of them is missing; which, only another motion
+        tells.
         """
         chosen, shares = self.chosen, {item.effect: item.share for item in self.tried}
         if chosen is None or self.accepted or self.law_differs or not self.freed:

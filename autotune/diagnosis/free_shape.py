@@ -43,10 +43,10 @@ NEAR_AN_EDGE = 0.01
 KNEES = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Of the largest torque: where a course over it bends, to be any course."""
 MET_AT = np.arange(1, 16) / 16.0
-PARTS_OF_A_TURN = np.arange(4, 25) / 16.0
-"""Of a load behind a gear over the travel: further round it shows a wave's course."""
 FINE_PLACE = 1e-3
 """Of the travel: where a spring may be met on the way, and to what that is found."""
+PARTS_OF_A_TURN = np.arange(4, 25) / 16.0
+"""Of a load behind a gear over the travel: further round it shows a wave's course."""
 BETWEEN, WITHIN = (-1.0, 3.0), 0.02
 """Proportions that are looked at, and to what: further away it is the other part that is not there."""
 SOONEST, RELAXATIONS, SEEN_TO_ITS_END = 0.1, 16, 1.0 / 3.0
@@ -169,11 +169,12 @@ def like_a_weight(problem: Problem, root: ModelFit, model_fit: ModelFit, alike: 
     place = _place(problem)
     angles = np.outer(2.0 * math.pi * PARTS_OF_A_TURN, place / np.ptp(place))
     waves = [np.column_stack([np.sin(angle), np.cos(angle)]) for angle in angles]
-    best = min(waves, key=lambda wave: float(left_by(wave).sum()))
-    if not _as_well(problem, root, model_fit, SPRING.name, best, alike):
+    errors = [left_by(wave) for wave in waves]
+    nearest = int(np.argmin([error.sum() for error in errors]))
+    if not _as_well(problem, root, model_fit, SPRING.name, waves[nearest], alike):
         return False
-    wave, apart = left_by(best), problem.policy.apart_z
-    return all(beyond_chance(left_by(one) - wave, apart) for one in _plain_springs(place, left_by))
+    springs = (left_by(columns) for columns in _plain_springs(place, left_by))
+    return all(beyond_chance(spring - errors[nearest], problem.policy.apart_z) for spring in springs)
 
 
 def _plain_springs(place: Floats, left_by: Callable[[Floats], Floats]) -> Iterator[Floats]:

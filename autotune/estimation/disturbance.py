@@ -152,6 +152,7 @@ def _read_in_turn(
     It begins, and begins again, where three rows that belong together show that none of them is late.
     """
     same, late, other, known = 0, 0, 0, False
+    alike = max(within, 0.5 * counts)  # the decimals of a file are no late row
     for k in range(2, len(told)):
         if held[k] or held[k - 1] or held[k - 2]:
             known = False
@@ -162,9 +163,7 @@ def _read_in_turn(
         for i in range(1, 3):
             rest += recursion[4 + i] * told[k - i]
         ahead = position[k] + rest / recursion[4]
-        if abs(ahead) <= (
-            max(within, 0.5 * counts) if known else within
-        ):  # decimals of a file are no late row
+        if abs(ahead) <= (alike if known else within):
             same, known = same + 1, True
         elif known:
             before, now = told[k - 1] - told[k - 2], position[k] - ahead - told[k - 1]
