@@ -8,10 +8,13 @@ import stat
 from pathlib import Path
 
 from autotune.core.errors import LinkError
+from autotune_drivers.letting_go import when_let_go
 
 
 def lock_device(path: Path, what: str) -> int:
     """Takes a device for us alone, before a single byte could disturb who has it now.
+
+    Waits a little for a process that is about to end.
 
     Args:
         what: how errors call it ("the CAN adapter").
@@ -26,7 +29,7 @@ def lock_device(path: Path, what: str) -> int:
     descriptor = -1
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        when_let_go(lambda: fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB))
     except OSError as error:
         if descriptor >= 0:
             os.close(descriptor)

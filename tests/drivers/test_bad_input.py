@@ -27,6 +27,7 @@ from autotune_drivers.canopen.frames import open_socketcan
 from autotune_drivers.canopen.opening import CanopenOpener
 from autotune_drivers.canopen.slcan import open_slcan
 from autotune_drivers.profile import read_profile
+from autotune_drivers.serial_device import lock_device
 from autotune_drivers.url import parse_link
 from tests.drivers import bus
 from tests.drivers.simulator import Simulator, axis_of, simulator
@@ -118,6 +119,15 @@ def test_an_adapter_without_permission(tmp_path: Path) -> None:
 def test_an_adapter_in_use(drive: CanopenDrive, running: Simulator) -> None:
     with pytest.raises(LinkError, match=r"is in use .*Stop the other program"):
         connect(running)
+
+
+def test_an_adapter_that_is_let_go_a_moment_later_is_waited_for(running: Simulator) -> None:
+    """The cyclic process of a run that was killed brings the axis to rest before it lets go."""
+    port = running.directory / "edm.tty"
+    timer = threading.Timer(0.3, os.close, (lock_device(port, "the CAN adapter"),))
+    timer.start()
+    os.close(lock_device(port, "the CAN adapter"))
+    timer.join()
 
 
 def test_no_kernel_interface() -> None:

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from multiprocessing import Pipe
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from autotune.core.loop import ROW_FIELDS
 from autotune_drivers import open_loop
 from autotune_drivers.cyclic.loop import CyclicLoop, Silence
 from autotune_drivers.cyclic.messages import STEPS_WITHIN
+from autotune_drivers.cyclic.ring import create_memory
 from tests.drivers import bus
 from tests.drivers.fake_drive import FakeOpener
 from tests.drivers.routines import Calls, Endless, Sine, Warmed, kill_self, odd, unpicklable, wrong
@@ -210,6 +212,22 @@ def test_closing_meets_a_process_that_has_closed_by_itself(opener: FakeOpener) -
     wait_for(lambda: opener.log[-1] == "closed")
     loop.close()
     assert opener.log == ["opened", "closed"]
+
+
+def test_a_process_whose_owner_died_before_it_began_leaves_the_drive_alone(opener: FakeOpener) -> None:
+    """What the owner asked for is still in the pipe: opening would change the drive for nobody."""
+    ours, theirs = Pipe()
+    memory = create_memory()
+    ours.send((opener, None))
+    nobody = str(os.getpid() + 1)  # the process sees us as its parent, so this owner is gone
+    done = subprocess.run(
+        [sys.executable, "-m", "autotune_drivers.cyclic.child", str(theirs.fileno()), str(memory), nobody],
+        pass_fds=(theirs.fileno(), memory),
+        check=False,
+    )
+    os.close(memory)
+    assert done.returncode == 0
+    assert not list(opener.directory.iterdir())  # nor a log
 
 
 # A process that stalls

@@ -63,10 +63,14 @@ def test_a_killed_run_is_stopped_by_the_drive_and_put_right_by_the_next(bench: B
 
 
 def kill_both(bench: Bench) -> dict[str, float]:
-    """kill -9 of a run and of its cyclic process while it moves; the drive's settings before."""
+    """kill -9 of a run and of its cyclic process while it moves; the drive's settings before.
+
+    The run is halted first: left alone for a moment, it would start another cyclic process.
+    """
     before = bus.settings(bench.folder / "edm-vertical.tty")
     process = bench.popen()
     bench.wait_for(lambda: stage_of(bench) == "experiment" and powered(bench), 200.0)
+    os.kill(process.pid, signal.SIGSTOP)
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     for child in map(int, children):
         os.kill(child, signal.SIGKILL)

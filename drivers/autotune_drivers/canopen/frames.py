@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import can
 
 from autotune.core.errors import LinkError
+from autotune_drivers.letting_go import when_let_go
 
 Frame = tuple[int, bytes]
 
@@ -116,7 +117,7 @@ def lock_interface(interface: str) -> socket.socket:
     """
     lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
-        lock.bind(f"\0autotune-can-{interface}")
+        when_let_go(lambda: lock.bind(f"\0autotune-can-{interface}"))
     except OSError as error:
         lock.close()
         raise LinkError(

@@ -269,6 +269,8 @@ def serve(connection: Connection, ring: Ring, owner: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         opener, backup = connection.recv()
+        if supervisor.last_call:  # the owner died while this process began: the drive is left alone
+            return
         drive: LinkedDrive = opener(backup)
     except (EOFError, ConnectionResetError):
         return
