@@ -18,6 +18,7 @@ from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.refits import (
     RIVAL_COST,
     differ_by_chance,
+    in_place_of,
     judged,
     negligible,
     refined,
@@ -144,21 +145,32 @@ class Backward:
 
         `later`: fits of the rounds in which the others were chosen. What has no name stands for none that has one.
         """
-        own, again = set(chosen.model_fit.effects), []
-        if len(own) < 2:
-            return []
+        again = []
         for item in later:
-            effects, fitted = item.model_fit.effects, item.model_fit.fitted
-            in_place = len(effects) == len(own) and len(own - set(effects)) == 1
-            known = item.named or not chosen.named
-            if not (in_place and known) or fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost:
-                continue
-            self.progress(f"{item.effect} in the place of another")
-            model_fit = fit_inside_twin(self.problem, fitted.packed, list(item.model_fit.free), 2, effects)
-            if model_fit is not None:
+            model_fit = self._in_place(chosen, item) if item.named or not chosen.named else None
+            if model_fit is not None and model_fit.fitted.cost <= RIVAL_COST * chosen.model_fit.fitted.cost:
                 fresh = judged(self.problem, self.root, model_fit, item.effect)
                 again.append(refined(self.problem, self.root, fresh, self.progress))
         return again
+
+    def _in_place(self, chosen: FittedCandidate, item: FittedCandidate) -> ModelFit | None:
+        """A model with what was fitted in a round for one of several effects, beside all that were found since.
+
+        None where it stands for none of them, errs far more, or the twin is unstable.
+        """
+        own, effects = chosen.model_fit.effects, item.model_fit.effects
+        if len(own) < max(len(effects), 2) or len(set(effects) - set(own)) != 1:
+            return None
+        if len(effects) < len(own):
+            replaced = next(effect for effect in own if effect not in effects)
+            self.progress(f"{item.effect} in the place of {replaced}")
+            other = in_place_of(self.problem, self.root, chosen, replaced, item)
+            return other.model_fit if other is not None else None
+        if item.model_fit.fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost:
+            return None
+        self.progress(f"{item.effect} in the place of another")
+        fitted = item.model_fit.fitted
+        return fit_inside_twin(self.problem, fitted.packed, list(item.model_fit.free), 2, effects)
 
 
 def as_free(less: ModelFit, model_fit: ModelFit) -> bool:

@@ -19,8 +19,8 @@ from autotune.estimation.controller import asked
 from autotune.estimation.coordinates import FORGOTTEN, since_rest
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
-from autotune.estimation.least_squares import Fitted, Free, standard_errors
-from autotune.estimation.problem import Correction, Problem, refit
+from autotune.estimation.least_squares import Fitted, Free, followed, standard_errors
+from autotune.estimation.problem import LONGEST_REACH, Correction, Problem, refit
 from autotune.estimation.residual import residual, residuals, smoothed
 from autotune.estimation.twin_runs import SEED, run_twin
 from autotune.models import layout
@@ -176,11 +176,37 @@ def fitted_contact(
     best = best_contact(problem, fitted, correction)
     kept = identifiable(problem, best, free)
     held = [f for f in kept if f.name not in CONTACT]
+    short = _short_contact(problem, best, correction, held)
+    if short is not None:
+        best, kept = short, held
     packed = quiet_contact(problem, best.packed)
     if packed is None:
         return best, kept
     again = refit(problem, packed, held, correction, 4)
     return (again, held) if np.isfinite(again.cost) else (best, kept)
+
+
+def _short_contact(problem: Problem, best: Fitted, correction: Correction, held: Sequence[Free]) -> Fitted | None:
+    """The fit with a contact that slides soon, where beside a spring it leaves less than one that hardly ever does.
+
+    None elsewhere. Without the spring, a contact that bends over much of the travel is fitted to what is missing, and
+    hides it.
+    """
+    packed, travel = best.packed, problem.scales.travel
+    if packed.p[layout.COULOMB] <= LONGEST_REACH * travel * packed.p[layout.STIFFNESS]:
+        return None
+    place = smoothed(problem.data, problem.data.position)[:, None]
+    found = []
+    for reach in REACHES:
+        p = packed.p.copy()
+        p[layout.STIFFNESS] = p[layout.COULOMB] / (reach * travel)
+        p[layout.MICRO_DAMPING] = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
+        short = refit(problem, Packed(p, packed.on), list(held), correction, 8)
+        if np.isfinite(short.cost):
+            beside = followed(np.hstack([short.jacobian, place]), short.error, problem.training)
+            found.append((problem.mean_square(beside, TRAINING), short))
+    least, short = min(found, key=lambda one: one[0], default=(math.inf, best))
+    return short if least < problem.mean_square(best.error, TRAINING) else None
 
 
 def quiet_contact(problem: Problem, packed: Packed) -> Packed | None:

@@ -60,7 +60,8 @@ class Free:
         scale: what a large change is: finite differences and damping go by it.
         step: largest change in one iteration, in the parameter's unit; infinite if free.
         relative: whether scale and step follow the value (positive base parameters).
-        above: slot of a parameter that this one is never below (break-away and Coulomb friction); -1: none.
+        above: slot of a parameter that this one is never below (break-away and Coulomb friction), or never below so
+            many `times` it (stiffness and Coulomb friction: how far a contact bends); -1: none.
     """
 
     name: str
@@ -71,6 +72,11 @@ class Free:
     step: float = np.inf
     relative: bool = False
     above: int = -1
+    times: float = 1.0
+
+    def least(self, p: Floats) -> float:
+        """The lower bound beside the other parameters."""
+        return self.lower if self.above < 0 else max(self.lower, self.times * float(p[self.above]))
 
     def scale_at(self, value: float) -> float:
         return max(abs(value), 2e-2 * self.scale) if self.relative else self.scale
@@ -110,7 +116,7 @@ def with_values(packed: Packed, free: Sequence[Free], values: Floats) -> Packed:
     p[[f.slot for f in free]] = values
     for parameter in free:
         if parameter.above >= 0:
-            p[parameter.slot] = max(p[parameter.slot], p[parameter.above])
+            p[parameter.slot] = max(p[parameter.slot], parameter.times * p[parameter.above])
     return Packed(p, packed.on)
 
 
@@ -378,7 +384,7 @@ def _step(
     """
     values = packed.p[[f.slot for f in free]]
     limit = np.array([f.step_at(v) for f, v in zip(free, values, strict=True)])
-    lower = np.array([f.lower if f.above < 0 else max(f.lower, packed.p[f.above]) for f in free])
+    lower = np.array([f.least(packed.p) for f in free])
     lower = np.maximum(lower, values - limit)
     upper = np.minimum(np.array([f.upper for f in free]), values + limit)
     ridge = damping * np.diag(normal) + 1e-9 * float(np.trace(normal)) / len(free)

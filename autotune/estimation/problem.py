@@ -48,6 +48,7 @@ LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
+SLIDES_WITHIN = 0.5  # of the travel: a contact that bends further never slides, and is a spring by another name
 LEAST_BENT = 0.02  # of the motion: below its level a contact bends at least so much
 SLOWEST = 1e-4  # of the speed: damping that has gone by then is none, and friction all there
 
@@ -415,10 +416,10 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
     }
     coulomb = LEAST_COULOMB * scales.torque
     level, longest = coulomb, LONGEST_REACH * scales.travel
-    if contact_remembers(
-        p, packed.on
-    ):  # a bristle beside its elements lets go with them, whatever it carries
+    slides = p[layout.COULOMB] <= SLIDES_WITHIN * scales.travel * p[layout.STIFFNESS]
+    if contact_remembers(p, packed.on):  # a bristle beside its elements lets go with them, whatever it carries
         level, longest = as_one_bristle(p)[0], climbing(p)[1]
+        slides = False
     least = {"coulomb": coulomb, "stiffness": level / longest}
     free = [
         Free(
@@ -433,6 +434,12 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
         for b in BASE
         if _can_tell(b.name, scales)
     ]
+    if slides:
+        bends = 1.0 / (SLIDES_WITHIN * scales.travel)
+        free = [
+            replace(one, above=layout.COULOMB, times=bends) if one.slot == layout.STIFFNESS else one
+            for one in free
+        ]
     if p[layout.DAMPING_VELOCITY] > 0.0 and not scales.steady:
         free += fading_free(p, scales)
     if p[layout.BENDS_BACK] > 0.0 and not scales.steady:
