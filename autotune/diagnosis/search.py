@@ -210,7 +210,26 @@ def _seek_on(state: SearchState) -> None:
         best = next_best(state, first=state.chosen is None)
         if best is None:
             break
-        take(state, best)
+        if not _shaped_instead(state, best):
+            take(state, best)
+
+
+def _shaped_instead(state: SearchState, further: FittedCandidate) -> bool:
+    """Whether the one effect of a lone recording by another course of its own predicts better than with a further one.
+
+    Then it has that course, and what is left is looked for anew. Without repeats nothing tells how much an effect
+    should explain, so that its own law is never left for that; and what the law leaves takes a name of its own.
+    """
+    chosen = state.chosen
+    if state.evidence.repeats or chosen is None or len(chosen.model_fit.effects) > 1 or state.freed:
+        return False
+    shaped = state.shaped(chosen)
+    if shaped is None or shaped.model_fit.unseen.total >= further.model_fit.unseen.total:
+        state.freed.clear()
+        return False
+    state.chosen = shaped
+    state.seen.append(shaped.model_fit)
+    return True
 
 
 def _shape_base(state: SearchState) -> None:

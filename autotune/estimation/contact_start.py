@@ -186,7 +186,9 @@ def fitted_contact(
     return (again, held) if np.isfinite(again.cost) else (best, kept)
 
 
-def _short_contact(problem: Problem, best: Fitted, correction: Correction, held: Sequence[Free]) -> Fitted | None:
+def _short_contact(
+    problem: Problem, best: Fitted, correction: Correction, held: Sequence[Free]
+) -> Fitted | None:
     """The fit with a contact that slides soon, where beside a spring it leaves less than one that hardly ever does.
 
     None elsewhere. Without the spring, a contact that bends over much of the travel is fitted to what is missing, and

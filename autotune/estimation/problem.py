@@ -48,7 +48,9 @@ LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
-SLIDES_WITHIN = 0.5  # of the travel: a contact that bends further never slides, and is a spring by another name
+SLIDES_WITHIN = (
+    0.5  # of the travel: a contact that bends further never slides, and is a spring by another name
+)
 LEAST_BENT = 0.02  # of the motion: below its level a contact bends at least so much
 SLOWEST = 1e-4  # of the speed: damping that has gone by then is none, and friction all there
 
@@ -417,7 +419,9 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
     coulomb = LEAST_COULOMB * scales.torque
     level, longest = coulomb, LONGEST_REACH * scales.travel
     slides = p[layout.COULOMB] <= SLIDES_WITHIN * scales.travel * p[layout.STIFFNESS]
-    if contact_remembers(p, packed.on):  # a bristle beside its elements lets go with them, whatever it carries
+    if contact_remembers(
+        p, packed.on
+    ):  # a bristle beside its elements lets go with them, whatever it carries
         level, longest = as_one_bristle(p)[0], climbing(p)[1]
         slides = False
     least = {"coulomb": coulomb, "stiffness": level / longest}

@@ -20,6 +20,7 @@ from autotune.estimation.least_squares import (
     done_together,
     followed,
     followed_within,
+    with_values,
 )
 from autotune.models.drive_model import Packed
 
@@ -102,3 +103,16 @@ def test_parameters_follow_an_error_no_further_than_their_bounds(lower: float) -
     expected = error - jacobian @ lsq_linear(jacobian, error, bounds).x
     np.testing.assert_allclose(left, expected, atol=1e-6)
     assert np.std(left) > 1.0
+
+
+def test_a_parameter_stays_above_so_many_times_another() -> None:
+    """As a stiffness above what lets a contact slide within the travel, whatever its friction becomes."""
+    friction = Free("coulomb", 0, 0.0, 100.0, 1.0)
+    stiffness = Free("stiffness", 1, 5.0, 1e6, 1.0, above=0, times=4.0)
+    free = [friction, stiffness]
+
+    moved = with_values(Packed(np.array([10.0, 400.0]), np.zeros(1, bool)), free, np.array([20.0, 1.0]))
+
+    assert moved.p == pytest.approx([20.0, 80.0])
+    assert [one.least(moved.p) for one in free] == [0.0, 80.0]
+    assert stiffness.least(np.array([1.0, 80.0])) == 5.0
