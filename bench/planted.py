@@ -174,26 +174,32 @@ def long_memory(m: MeasuredMotion, random: np.random.Generator) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """A law and the effect it is; `of_place`: it needs no motion in both directions; `round_only`: of rotary axes."""
+    """A law and the effect it is.
+
+    Attributes:
+        one_way: motion in one direction shows it; there each place is a time, and friction an offset.
+        round_only: it is of rotary axes.
+        largest: of the torque's rms.
+    """
 
     law: Law
     effect: str
-    of_place: bool = False
+    one_way: bool = False
     round_only: bool = False
     largest: float = LARGEST
 
 
 PLANTS: Mapping[str, Plant | None] = {
     "nothing": None,
-    "spring": Plant(spring, "spring", of_place=True),
-    "hardening spring": Plant(hardening_spring, "spring", of_place=True),
-    "buffer": Plant(buffer, "spring", of_place=True),
-    "weight": Plant(weight, "gravity_imbalance", of_place=True, round_only=True),
-    "waves": Plant(waves, "torque_ripple", of_place=True),
-    "tight spot": Plant(tight_spot, "position_dependent_friction", of_place=True),
+    "spring": Plant(spring, "spring"),
+    "hardening spring": Plant(hardening_spring, "spring"),
+    "buffer": Plant(buffer, "spring"),
+    "weight": Plant(weight, "gravity_imbalance", one_way=True, round_only=True),
+    "waves": Plant(waves, "torque_ripple"),
+    "tight spot": Plant(tight_spot, "position_dependent_friction"),
     "falling friction": Plant(falling_friction, "stribeck"),
     "loaded friction": Plant(loaded_friction, "load_dependent_friction"),
-    "settling friction": Plant(settling_friction, "thermal_drift", largest=0.15),
+    "settling friction": Plant(settling_friction, "thermal_drift", one_way=True, largest=0.15),
     "drag": Plant(drag, "nonlinear_viscous"),
     "one-sided drag": Plant(one_sided_drag, "direction_asymmetry"),
     "long memory": Plant(long_memory, "reversal_memory"),
@@ -225,7 +231,7 @@ def drawn(number: int, seed: int) -> Iterator[PlantedCase]:
 
 
 def suits(axis: MeasuredAxis, plant: Plant) -> bool:
-    return (plant.of_place or not axis.one_way) and not (plant.round_only and axis.unit == "m")
+    return (plant.one_way or not axis.one_way) and not (plant.round_only and axis.unit == "m")
 
 
 def batch_hash(cases: list[PlantedCase]) -> str:

@@ -128,6 +128,17 @@ def test_a_spring_in_measured_data_is_no_contact_that_never_slides() -> None:
     assert found.effects[:2] == ("spring", "direction_asymmetry")
 
 
+@pytest.mark.slow(8)
+def test_a_buffer_in_measured_data_is_a_spring_by_a_course_of_its_own() -> None:
+    """What a straight line leaves of it was named friction over the place, beside the spring."""
+    recording = _with(_emps(), lambda place, speed, torque: np.maximum(place - 0.65, 0.0), 0.3)
+    found = autotune.diagnose([recording], autotune.fit(recording))
+    assert found.verdict == "named"
+    assert found.effects[0] == "spring"
+    assert "position_dependent_friction" not in found.effects
+    assert any("Its law differs" in note for note in found.notes)
+
+
 @pytest.mark.slow(15)
 @pytest.mark.long
 def test_a_rival_of_the_second_effect_is_asked_again_beside_the_third() -> None:
