@@ -155,7 +155,7 @@ def _result(model: DriveModel, values: Floats, linear: _Linear, converged: bool,
     at_bound = tuple(
         f.name
         for f, value in zip(sweep.free, values, strict=True)
-        if value in (f.lower, f.upper) or (f.above >= 0 and value <= packed.p[f.above])
+        if value <= f.least(packed.p) or value == f.upper
     )
     return Refined(
         model.with_values(fitted, dict(zip(names, spread.tolist(), strict=True))),
@@ -373,9 +373,9 @@ def _room(packed: Packed, free: Sequence[Free]) -> tuple[Floats, Floats]:
         room += [(one.lower - value) / one.scale, (value - one.upper) / one.scale]
         if one.above >= 0:
             other = places.get(one.above)
-            along = free[other].scale / one.scale * unit[other] if other is not None else 0.0
+            along = one.times * free[other].scale / one.scale * unit[other] if other is not None else 0.0
             rows.append(unit[i] - along)
-            room.append((float(packed.p[one.above]) - value) / one.scale)
+            room.append((one.times * float(packed.p[one.above]) - value) / one.scale)
     return np.array(rows).reshape(-1, len(free)), np.array(room)
 
 

@@ -48,9 +48,7 @@ LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
-SLIDES_WITHIN = (
-    0.5  # of the travel: a contact that bends further never slides, and is a spring by another name
-)
+SLIDES_WITHIN = 0.5  # of the travel: a contact that bends further is a spring by another name
 LEAST_BENT = 0.02  # of the motion: below its level a contact bends at least so much
 SLOWEST = 1e-4  # of the speed: damping that has gone by then is none, and friction all there
 
