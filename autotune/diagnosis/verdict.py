@@ -441,10 +441,11 @@ def _confusable(
 def _contested(
     effects: tuple[str, ...], rivals: tuple[str, ...], exchanged: Sequence[FittedCandidate]
 ) -> tuple[str, ...]:
-    """Of the effects those in whose place a rival was fitted, or that look like one; a single one always."""
+    """Of the effects those in whose place a rival was fitted, or that look like one; all where nothing tells which."""
     if len(effects) < 2:
         return effects
     others = [item.model_fit.effects for item in exchanged if item.effect in rivals]
     if not others:
-        return tuple(effect for effect in effects if set(usual_rivals(effect)) & set(rivals))
+        alike = tuple(effect for effect in effects if set(usual_rivals(effect)) & set(rivals))
+        return alike if alike or not rivals else effects
     return tuple(effect for effect in effects if any(effect not in one for one in others))

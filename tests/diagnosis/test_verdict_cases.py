@@ -741,6 +741,8 @@ def test_one_of_several_that_another_explains_as_well_is_ambiguous(
         "gravity_imbalance",
     )  # of which one looks like a spring that was not fitted
     assert verdict._contested(several, ("spring",), ()) == ("gravity_imbalance",)
+    unlike = ("nonlinear_viscous", "reversal_memory")  # neither looks like one: it may stand for either
+    assert verdict._contested(unlike, ("spring",), ()) == unlike
 
 
 @pytest.mark.parametrize(
