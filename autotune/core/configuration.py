@@ -95,7 +95,7 @@ def _sentence(model: type[BaseModel], problem: Any) -> str:
     key = ".".join(location)
     if problem["type"] == "extra_forbidden":
         known = _keys(model, location[:-1])
-        near = difflib.get_close_matches(location[-1], known, 1, cutoff=0.5)
+        near = difflib.get_close_matches(location[-1], known, 1)
         hint = f"did you mean {near[0]!r}?" if near else ""
         slips = difflib.get_close_matches(location[-1], near, cutoff=_TYPED)
         if not slips:  # near in words at most

@@ -39,6 +39,7 @@ def test_the_example_is_valid() -> None:
         ("amplitude = 0.2", "amplitude = nan", "benchmark.amplitude"),
         ("schema = 1", "schema = 7", "schema"),
         ("schema = 1", "schema_version = 1", "unknown key 'schema_version'; did you mean 'schema'"),
+        ("[benchmark]", "[drive]", "unknown key 'drive'; known are .*link, .*profile"),  # like none of them
         # near in words, but another thing on a linear axis: all keys are told
         ("counts_per_revolution = 50000", "position_resolution = 1e-6", "known are .*counts_per_metre"),
         ("machine_seconds = 300.0", "", "'limits.machine_seconds' is missing; it must be set"),
