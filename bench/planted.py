@@ -30,8 +30,8 @@ from autotune.core.errors import AutotuneError
 from autotune.recordings.importing.importing import import_files
 from autotune.recordings.importing.options import Options, Wishes
 from autotune.recordings.recording import Recording
+from bench.measured import DATA
 
-DATA = Path(__file__).resolve().parents[1] / "../shared/data"
 SMOOTHED = 0.02
 """Seconds over which position and velocity are smoothed before a law sees them."""
 REACH = 2e-4
@@ -218,7 +218,7 @@ class PlantedCase:
 
 
 def drawn(number: int, seed: int) -> Iterator[PlantedCase]:
-    """Cases: every axis with what can be in it, in turn."""
+    """Cases: an axis by chance, and something that can be in it."""
     for i in range(number):
         random = np.random.default_rng([seed, i])
         axis = str(random.choice(list(AXES), p=[0.5, 0.4, 0.1]))
@@ -245,9 +245,15 @@ def planted(case: PlantedCase) -> Recording:
     plant = PLANTS[case.plant]
     if plant is None:
         return recording
+    law, random = plant.law, np.random.default_rng(case.seed)
+    return raised(recording, lambda motion: law(motion, random), case.level)
+
+
+def raised(recording: Recording, law: Callable[[MeasuredMotion], Floats], level: float) -> Recording:
+    """A recording whose torque holds what a law asks for along its motion, too, of a level over the torque's rms."""
     motion = MeasuredMotion.of(recording)
-    own = plant.law(motion, np.random.default_rng(case.seed))
-    torque = motion.torque + own * case.level * float(np.std(motion.torque) / np.std(own))
+    own = law(motion)
+    torque = motion.torque + own * level * float(np.std(motion.torque) / np.std(own))
     return replace(recording, floats={**recording.floats, "torque": torque})
 
 

@@ -147,13 +147,12 @@ class Backward:
         """
         again = []
         for item in later:
-            model_fit = self._in_place(chosen, item) if item.named or not chosen.named else None
-            if model_fit is not None and model_fit.fitted.cost <= RIVAL_COST * chosen.model_fit.fitted.cost:
-                fresh = judged(self.problem, self.root, model_fit, item.effect)
-                again.append(refined(self.problem, self.root, fresh, self.progress))
+            other = self._in_place(chosen, item) if item.named or not chosen.named else None
+            if other is not None and other.model_fit.fitted.cost <= RIVAL_COST * chosen.model_fit.fitted.cost:
+                again.append(refined(self.problem, self.root, other, self.progress))
         return again
 
-    def _in_place(self, chosen: FittedCandidate, item: FittedCandidate) -> ModelFit | None:
+    def _in_place(self, chosen: FittedCandidate, item: FittedCandidate) -> FittedCandidate | None:
         """A model with what was fitted in a round for one of several effects, beside all that were found since.
 
         None where it stands for none of them, errs far more, or the twin is unstable.
@@ -164,13 +163,13 @@ class Backward:
         if len(effects) < len(own):
             replaced = next(effect for effect in own if effect not in effects)
             self.progress(f"{item.effect} in the place of {replaced}")
-            other = in_place_of(self.problem, self.root, chosen, replaced, item)
-            return other.model_fit if other is not None else None
+            return in_place_of(self.problem, self.root, chosen, replaced, item)
         if item.model_fit.fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost:
             return None
         self.progress(f"{item.effect} in the place of another")
-        fitted = item.model_fit.fitted
-        return fit_inside_twin(self.problem, fitted.packed, list(item.model_fit.free), 2, effects)
+        packed, free = item.model_fit.fitted.packed, list(item.model_fit.free)
+        settled = fit_inside_twin(self.problem, packed, free, 2, effects)
+        return None if settled is None else judged(self.problem, self.root, settled, item.effect)
 
 
 def as_free(less: ModelFit, model_fit: ModelFit) -> bool:

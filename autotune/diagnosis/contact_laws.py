@@ -155,9 +155,8 @@ def _of_many(problem: Problem, model_fit: ModelFit, before: ModelFit) -> ModelFi
     if many is None or not closes_loops(many.fitted.packed.p) or not asked_for(problem, before, many):
         return None
     many = _off_the_raster(problem, many) or many
-    p = many.fitted.packed.p
-    told = of_many(many.fitted.packed) and _may_go_on(problem, p) and _slides(problem, p)
-    return many if told and not remembers_beyond(problem, many) else None
+    told = of_many(many.fitted.packed) and _may_go_on(problem, many.fitted.packed.p)
+    return many if told and _slides(problem, many) and not remembers_beyond(problem, many) else None
 
 
 def _may_go_on(problem: Problem, p: Floats) -> bool:
@@ -194,16 +193,15 @@ def _one_contact(problem: Problem, model_fit: ModelFit, near: Sequence[Fitted]) 
     """Of several fits the lowest that is one contact inside the twin."""
     for short in sorted(near, key=lambda one: one.cost):
         climbs = fit_inside_twin(problem, short.packed, list(short.free), ROUNDS + 1, model_fit.effects)
-        if climbs is None or not of_one_contact(climbs.fitted.packed.p):
-            continue
-        if _slides(problem, climbs.fitted.packed.p):
+        if climbs is not None and of_one_contact(climbs.fitted.packed.p) and _slides(problem, climbs):
             return climbs
     return None
 
 
-def _slides(problem: Problem, p: Floats) -> bool:
+def _slides(problem: Problem, model_fit: ModelFit) -> bool:
     """Whether all elements slide somewhere along the motion: one that never does is a spring by another name."""
-    return all(one.displacement <= LONGEST * problem.scales.travel for one in _present(p))
+    longest = LONGEST * problem.scales.travel
+    return all(one.displacement <= longest for one in _present(model_fit.fitted.packed.p))
 
 
 def _with_parts(model_fit: ModelFit) -> tuple[Packed, list[Free]]:

@@ -225,7 +225,7 @@ def _shaped_instead(state: SearchState, further: FittedCandidate) -> bool:
         return False
     shaped = state.shaped(chosen)
     if shaped is None or shaped.model_fit.unseen.total >= further.model_fit.unseen.total:
-        state.freed.clear()
+        state.freed.pop(chosen.effect, None)
         return False
     state.chosen = shaped
     state.seen.append(shaped.model_fit)

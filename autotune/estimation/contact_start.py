@@ -150,16 +150,21 @@ def usually_damped(packed: Packed) -> Packed:
 
 def best_contact(problem: Problem, fitted: Fitted, correction: Correction) -> Fitted:
     """The best of several fits that start from other stiffnesses; never worse than `fitted`."""
-    free = list(fitted.free)
-    found = [fitted]
+    found = [fitted, *_short_contacts(problem, fitted.packed, fitted.free, correction)]
+    return min(found, key=lambda item: item.cost)
+
+
+def _short_contacts(
+    problem: Problem, packed: Packed, free: Sequence[Free], correction: Correction
+) -> list[Fitted]:
+    """Fits that start from contacts which slide after each of `REACHES`, without those that do not end."""
+    found = []
     for reach in REACHES:
-        p = fitted.packed.p.copy()
+        p = packed.p.copy()
         p[layout.STIFFNESS] = p[layout.COULOMB] / (reach * problem.scales.travel)
         p[layout.MICRO_DAMPING] = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
-        again = refit(problem, Packed(p, fitted.packed.on), free, correction, 8)
-        if np.isfinite(again.cost):
-            found.append(again)
-    return min(found, key=lambda item: item.cost)
+        found.append(refit(problem, Packed(p, packed.on), list(free), correction, 8))
+    return [one for one in found if np.isfinite(one.cost)]
 
 
 def identifiable(problem: Problem, fitted: Fitted, free: Sequence[Free]) -> list[Free]:
@@ -194,19 +199,14 @@ def _short_contact(
     None elsewhere. Without the spring, a contact that bends over much of the travel is fitted to what is missing, and
     hides it.
     """
-    packed, travel = best.packed, problem.scales.travel
-    if packed.p[layout.COULOMB] <= LONGEST_REACH * travel * packed.p[layout.STIFFNESS]:
+    p = best.packed.p
+    if p[layout.COULOMB] <= LONGEST_REACH * problem.scales.travel * p[layout.STIFFNESS]:
         return None
     place = smoothed(problem.data, problem.data.position)[:, None]
     found = []
-    for reach in REACHES:
-        p = packed.p.copy()
-        p[layout.STIFFNESS] = p[layout.COULOMB] / (reach * travel)
-        p[layout.MICRO_DAMPING] = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
-        short = refit(problem, Packed(p, packed.on), list(held), correction, 8)
-        if np.isfinite(short.cost):
-            beside = followed(np.hstack([short.jacobian, place]), short.error, problem.training)
-            found.append((problem.mean_square(beside, TRAINING), short))
+    for short in _short_contacts(problem, best.packed, held, correction):
+        beside = followed(np.hstack([short.jacobian, place]), short.error, problem.training)
+        found.append((problem.mean_square(beside, TRAINING), short))
     least, short = min(found, key=lambda one: one[0], default=(math.inf, best))
     return short if least < problem.mean_square(best.error, TRAINING) else None
 

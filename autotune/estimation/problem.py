@@ -416,12 +416,10 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
     }
     coulomb = LEAST_COULOMB * scales.torque
     level, longest = coulomb, LONGEST_REACH * scales.travel
-    slides = p[layout.COULOMB] <= SLIDES_WITHIN * scales.travel * p[layout.STIFFNESS]
-    if contact_remembers(
-        p, packed.on
-    ):  # a bristle beside its elements lets go with them, whatever it carries
+    remembers, slides_within = contact_remembers(p, packed.on), SLIDES_WITHIN * scales.travel
+    if remembers:  # a bristle beside its elements lets go with them, whatever it carries
         level, longest = as_one_bristle(p)[0], climbing(p)[1]
-        slides = False
+    slides = not remembers and p[layout.COULOMB] <= slides_within * p[layout.STIFFNESS]
     least = {"coulomb": coulomb, "stiffness": level / longest}
     free = [
         Free(
@@ -432,16 +430,12 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
             typical[b.name],
             relative=b.name != "offset",
             step=3.0 * typical[b.name],
+            above=layout.COULOMB if slides and b.slot == layout.STIFFNESS else -1,
+            times=1.0 / slides_within,
         )
         for b in BASE
         if _can_tell(b.name, scales)
     ]
-    if slides:
-        bends = 1.0 / (SLIDES_WITHIN * scales.travel)
-        free = [
-            replace(one, above=layout.COULOMB, times=bends) if one.slot == layout.STIFFNESS else one
-            for one in free
-        ]
     if p[layout.DAMPING_VELOCITY] > 0.0 and not scales.steady:
         free += fading_free(p, scales)
     if p[layout.BENDS_BACK] > 0.0 and not scales.steady:

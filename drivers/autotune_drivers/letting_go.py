@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TypeVar
 
 _WITHIN = 2.0
 """How long [s] another process may still need: one whose owner was killed takes the axis to rest before it ends."""
 _LOOK = 0.05
 
-Taken = TypeVar("Taken")
 
-
-def when_let_go(take: Callable[[], Taken]) -> Taken:
-    """What `take` returns, as soon as whoever has it now lets go.
+def when_let_go(take: Callable[[], None]) -> None:
+    """Takes it as soon as whoever has it now lets go.
 
     Raises:
         OSError: what `take` raised last; nobody let go.
@@ -22,7 +19,8 @@ def when_let_go(take: Callable[[], Taken]) -> Taken:
     end = time.monotonic() + _WITHIN
     while True:
         try:
-            return take()
+            take()
+            return
         except OSError:
             if time.monotonic() > end:
                 raise

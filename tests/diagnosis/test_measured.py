@@ -1,12 +1,9 @@
 """Measured data of others: what is known to hide in them is found, and only suspected."""
 
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_filter
 
 import autotune
 from autotune.core.arrays import Floats
@@ -15,6 +12,7 @@ from autotune.diagnosis.verdict import diagnose
 from autotune.recordings.importing.importing import import_files
 from autotune.recordings.importing.options import Options, Wishes
 from autotune.recordings.recording import Recording
+from bench.planted import AXES, MeasuredMotion, raised
 
 DATA = Path(__file__).resolve().parents[2] / "../shared/data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data of ../shared/data are not here")
@@ -102,26 +100,10 @@ def test_emps_in_two_files_is_confirmed_by_each_other() -> None:
     assert found.confidence == "confirmed"
 
 
-def _with(recording: Recording, more: Callable[[Floats, Floats, Floats], Floats], level: float) -> Recording:
-    """A recording whose torque has more in it, of a level over its own: by place and speed of ±1, and by its torque."""
-    position, torque = recording["position"], recording["torque"]
-    speed = savgol_filter(position, 21, 2, deriv=1)
-    place = (position - position.min()) / np.ptp(position)
-    own = more(place, speed / np.percentile(np.abs(speed), 95), torque)
-    more_torque = torque + level * own * np.std(torque) / np.std(own)
-    return replace(recording, floats={**recording.floats, "torque": more_torque})
-
-
-def _emps() -> Recording:
-    """Without its reference, which does not belong to a torque with more in it."""
-    columns = ("time=t", "position=qm", "torque=vir*35.15")
-    return _imported([DATA / "emps/DATA_EMPS.mat"], "mat", columns, "m", None)
-
-
 @pytest.mark.slow(10)
 def test_a_spring_in_measured_data_is_no_contact_that_never_slides() -> None:
     """Bent over most of the travel, a contact took the spring's place, and its friction was named viscous."""
-    whole = _with(_emps(), lambda place, speed, torque: place - 0.5, 0.3)
+    whole = raised(AXES["emps"].recording(), lambda motion: motion.place - 0.5, 0.3)
     half = whole.rows(np.arange(len(whole)) >= len(whole) // 2)
     found = autotune.diagnose([half], autotune.fit(half))
     assert found.verdict == "named"
@@ -131,7 +113,7 @@ def test_a_spring_in_measured_data_is_no_contact_that_never_slides() -> None:
 @pytest.mark.slow(8)
 def test_a_buffer_in_measured_data_is_a_spring_by_a_course_of_its_own() -> None:
     """What a straight line leaves of it was named friction over the place, beside the spring."""
-    recording = _with(_emps(), lambda place, speed, torque: np.maximum(place - 0.65, 0.0), 0.3)
+    recording = raised(AXES["emps"].recording(), lambda motion: np.maximum(motion.place - 0.65, 0.0), 0.3)
     found = autotune.diagnose([recording], autotune.fit(recording))
     assert found.verdict == "named"
     assert found.effects[0] == "spring"
@@ -143,7 +125,11 @@ def test_a_buffer_in_measured_data_is_a_spring_by_a_course_of_its_own() -> None:
 @pytest.mark.long
 def test_a_rival_of_the_second_effect_is_asked_again_beside_the_third() -> None:
     """A loss of torque and friction that grows with torque are one in these data; a third name beside hid that."""
-    recording = _with(_emps(), lambda place, speed, torque: np.tanh(100.0 * speed) * np.abs(torque), 0.06)
+
+    def loaded(motion: MeasuredMotion) -> Floats:
+        return np.asarray(np.tanh(100.0 * motion.speed) * np.abs(motion.torque))
+
+    recording = raised(AXES["emps"].recording(), loaded, 0.06)
     found = autotune.diagnose([recording], autotune.fit(recording))
     assert found.verdict == "ambiguous"
     assert {"load_dependent_friction", "torque_saturation"} <= set(found.confusable[0])

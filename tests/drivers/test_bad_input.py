@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
 import re
@@ -126,8 +127,11 @@ def test_an_adapter_that_is_let_go_a_moment_later_is_waited_for(running: Simulat
     port = running.directory / "edm.tty"
     timer = threading.Timer(0.3, os.close, (lock_device(port, "the CAN adapter"),))
     timer.start()
-    os.close(lock_device(port, "the CAN adapter"))
+    ours = lock_device(port, "the CAN adapter")
     timer.join()
+    with port.open("rb") as other, pytest.raises(BlockingIOError):  # it is ours, and nobody else's
+        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    os.close(ours)
 
 
 def test_no_kernel_interface() -> None:
