@@ -13,6 +13,7 @@ from dataclasses import replace
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     error_left,
+    predicts_better,
 )
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
 from autotune.diagnosis.evidence.torque_path import (
@@ -92,8 +93,7 @@ def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
         best = _other_spring(state, best)
     if state.evidence.repeats and (best.plain_share < REFINED or state.more_to_explain(best.model_fit)):
         best = _freed(state, best)
-    if state.evidence.repeats:
-        best = spring_as_well(state, best)
+    best = spring_as_well(state, best)
     if state.chosen is not None and state.evidence.repeats and state.more_to_explain(best.model_fit):
         best = _first_exchanged(state, best)
     state.chosen = best
@@ -333,7 +333,8 @@ def spring_as_well(state: SearchState, best: FittedCandidate) -> FittedCandidate
     Each at its best: by its own law a spring is a straight line, and what hardens, gives way or is met on the way is
     one that a wave of free phase comes nearer to. With its course free it comes near to most waves in turn; so it is
     taken only where a spring of no more coefficients than the wave is likelier. The weight stays its rival. Only data
-    that repeat tell so little apart: of one trajectory a law that is not quite the axis's errs by more.
+    that repeat tell so little apart: of one trajectory a law that is not quite the axis's errs by more, and the spring
+    must predict better.
     """
     problem, root = state.problem, state.root
     if len(best.model_fit.effects) > 1 or best.effect not in without_own_course(problem, best.model_fit):
@@ -344,6 +345,8 @@ def spring_as_well(state: SearchState, best: FittedCandidate) -> FittedCandidate
     if not rather_a_spring(problem, root, best.model_fit):
         return best
     spring = state.shaped(straight) or straight
+    if not state.evidence.repeats and not predicts_better(problem, best.model_fit, spring.model_fit):
+        return best
     left = [error_left(problem, one.model_fit) for one in (spring, best)]
     if left[0] >= left[1] and not state.evidence.comes_near(problem, root, best, spring):
         return best

@@ -299,9 +299,12 @@ def away_from_reversals(data: Prepared) -> Flags:
     return rows if rows.mean() > LEAST_FAST else np.ones(len(rows), dtype=np.bool_)
 
 
-def linear_misfit(data: Prepared, rows: Flags) -> float:
-    """Share of the torque's variance that inertia, friction and offset leave on some grid rows."""
-    _, target, left = linear_fit(data, rows)
+def linear_misfit(data: Prepared, rows: Flags, loaded: bool = False) -> float:
+    """Share of the torque's variance that inertia, friction and offset leave on some grid rows.
+
+    `loaded`: a spring, a weight and friction that inertia presses too, whatever they are worth.
+    """
+    _, target, left = linear_fit(data, rows, loaded)
     return float(np.sum(left**2)) / max(float(np.sum((target - target.mean()) ** 2)), 1e-300)
 
 
@@ -322,10 +325,11 @@ def misfit_here(data: Prepared) -> float:
     return linear_misfit(data, away_from_reversals(data))
 
 
-def linear_fit(data: Prepared, rows: Flags) -> tuple[Floats, Floats, Floats]:
+def linear_fit(data: Prepared, rows: Flags, loaded: bool = False) -> tuple[Floats, Floats, Floats]:
     """Gains of acceleration, velocity, its sign and 1 on some grid rows, the torque there, and what they leave of it.
 
-    Shapes (4,), (r,), (r,).
+    Shapes (4,), (r,), (r,). A spring and a weight stand beside them where much is left that they explain; and friction
+    that grows with the torque of inertia where they are `loaded`.
     """
     torque = data.torque
     acted = np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
@@ -339,10 +343,14 @@ def linear_fit(data: Prepared, rows: Flags) -> tuple[Floats, Floats, Floats]:
     )
     target, table = smoothed(data, np.ascontiguousarray(acted))[rows], table[rows]
     gains, left = _solved(table, target)
-    if left @ left > LARGE * float(np.sum((target - target.mean()) ** 2)):
-        loaded, less = _solved(np.column_stack([table, _of_place(data)[rows]]), target)
-        if less @ less <= CLEARLY * float(left @ left):
-            gains, left = loaded[: len(gains)], less
+    if loaded or left @ left > LARGE * float(np.sum((target - target.mean()) ** 2)):
+        columns = [table, _of_place(data)[rows]]
+        if loaded:
+            pressed = np.abs(data.acceleration) * np.sign(data.velocity)
+            columns.append(smoothed(data, pressed)[rows, None])
+        beside, less = _solved(np.column_stack(columns), target)
+        if loaded or less @ less <= CLEARLY * float(left @ left):
+            gains, left = beside[: len(gains)], less
     return gains, target, left
 
 
@@ -440,7 +448,9 @@ def brought_together(recording: Recording, how: Filtered) -> Recording:
 def low_passed(data: Prepared) -> tuple[str, float] | None:
     """The column that seems low-passed against the others, and its time constant [s]; None where none does.
 
-    It leaves clearly less than a torque that was moved by a few samples, and less than one that was moved farther.
+    It leaves clearly less than a torque that was moved by a few samples, and less than one that was moved farther; and
+    so beside a load: a weight whose place is passed fast is what a filter takes away, and friction that the load
+    presses is late.
     """
     here = plain = _misfit(data)
     if here > LARGE or data.coarse:
@@ -456,6 +466,8 @@ def low_passed(data: Prepared) -> tuple[str, float] | None:
     if not clearly:
         return None
     alike = (_motion_through if column == "torque" else _torque_through)(data, samples)
+    if _misfit(alike, loaded=True) > CLEARLY * _misfit(data, loaded=True):
+        return None
     rows, shift = away_from_reversals(alike), _shift_from_here(alike)[0]
     return (column, samples * data.period) if _drives(shifted(alike, shift), rows) else None
 
@@ -476,15 +488,15 @@ def compensated(data: Prepared) -> tuple[Prepared, str | None]:
     return replace(shifted(alike, _shift_from_here(alike)[0]), filtered=True), said
 
 
-def _shift_from_here(data: Prepared) -> tuple[float, float]:
+def _shift_from_here(data: Prepared, loaded: bool = False) -> tuple[float, float]:
     """As `best_shift`, from where the torque is."""
     rows = away_from_reversals(data)
-    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.upsampling)
+    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows, loaded), data.shift, data.upsampling)
 
 
-def _misfit(data: Prepared) -> float:
+def _misfit(data: Prepared, loaded: bool = False) -> float:
     """Share of the torque's variance that inertia and friction leave, at the best shift."""
-    return _shift_from_here(data)[1]
+    return _shift_from_here(data, loaded)[1]
 
 
 def _motion_through(data: Prepared, samples: float) -> Prepared:
