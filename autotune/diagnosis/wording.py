@@ -88,6 +88,10 @@ OTHER_CURVE = (
     "Friction that falls with speed, which the model has, falls by another curve than the model's; its shape was "
     "fitted freely before anything else was asked."
 )
+NOT_COMPARED = (
+    "Torques are compared up to {hertz:.3g} Hz; {percent:.2g} % of the torque (rms) lies above, and is not "
+    "compared."
+)
 PRESLIDING_REST = (
     "Beside it something still comes again, in one experiment at least: what that law is not exactly, or an effect "
     "that these data cannot tell from it."
@@ -273,6 +277,15 @@ def rms_unexplained(problem: Problem, root: ModelFit, rows: Flags | None = None)
     return float(np.sqrt(np.mean(left**2))) / max(float(np.sqrt(np.mean(torque**2))), 1e-300)
 
 
+def rms_above(problem: Problem) -> float:
+    """Of the recorded torque on the rows that are fitted: the share of its rms above the frequencies compared."""
+    data, rows = problem.data, problem.training > 0
+    torque = data.torque[data.grid[rows]]
+    above = torque - smoothed(data, data.torque)[rows]
+    own = torque if problem.scales.one_way else torque - torque.mean()
+    return float(np.sqrt(np.mean(above**2))) / max(float(np.sqrt(np.mean(own**2))), 1e-300)
+
+
 def unexplained(problem: Problem, model_fit: ModelFit) -> float:
     """Share of the torque's variance that a model leaves on the rows that count."""
     rows = problem.training > 0
@@ -301,7 +314,8 @@ def nothing_note(
     first: Sequence[ScreenedCandidate],
     tried: Sequence[FittedCandidate],
 ) -> str:
-    """Where nothing is missing: the share of the torque that stays unexplained, and what stopped the best candidate."""
+    """Where nothing is missing: the share of the torque that stays unexplained, what stopped the best candidate, and
+    where more of the torque than that is not compared at all, how much."""
     share = rms_unexplained(problem, root)
     text = f"{100 * share:.2g} % of the torque (rms) stay unexplained after refitting"
     if np.any(problem.weight <= 0.0):
@@ -309,8 +323,13 @@ def nothing_note(
         text += f", {100 * whole:.2g} % with the rows that were left out"
     best = max(first, key=lambda item: item.gain, default=None)
     if best is None or best.gain <= 0.0:
-        return text + "; no candidate lowers it on unseen experiments."
-    return f"{text}; {nearest(problem, evidence, root, best, tried)}"
+        text += "; no candidate lowers it on unseen experiments."
+    else:
+        text += f"; {nearest(problem, evidence, root, best, tried)}"
+    above = 0.0 if problem.data.steady else rms_above(problem)
+    if above <= share:
+        return text
+    return f"{text} {NOT_COMPARED.format(percent=100 * above, hertz=problem.data.cutoff)}"
 
 
 def nearest(

@@ -452,21 +452,22 @@ def low_passed(data: Prepared) -> tuple[str, float] | None:
     so beside a load: a weight whose place is passed fast is what a filter takes away, and friction that the load
     presses is late.
     """
-    here = plain = _misfit(data)
+    here = _misfit(data)
     if here > LARGE or data.coarse:
         return None
-    if data.shift > data.upsampling * LATEST:
-        plain = _misfit(shifted(data, 0.0))
+    far = data.shift > data.upsampling * LATEST
+    near = shifted(data, 0.0) if far else data
+    plain = _misfit(near) if far else here
     trials: list[tuple[float, str, float]] = []
     for samples in (data.upsampling * count for count in SAMPLES):
         trials.append((_misfit(_motion_through(data, samples)), "torque", samples))
         trials.append((_misfit(_torque_through(data, samples)), "position", samples))
     misfit, column, samples = min(trials)
-    clearly = misfit <= CLEARLY * plain and (plain == here or misfit < here)
+    clearly = misfit <= CLEARLY * plain and (not far or misfit < here)
     if not clearly:
         return None
     alike = (_motion_through if column == "torque" else _torque_through)(data, samples)
-    if _misfit(alike, loaded=True) > CLEARLY * _misfit(data, loaded=True):
+    if _misfit(alike, loaded=True) > CLEARLY * _misfit(near, loaded=True):
         return None
     rows, shift = away_from_reversals(alike), _shift_from_here(alike)[0]
     return (column, samples * data.period) if _drives(shifted(alike, shift), rows) else None
@@ -491,7 +492,9 @@ def compensated(data: Prepared) -> tuple[Prepared, str | None]:
 def _shift_from_here(data: Prepared, loaded: bool = False) -> tuple[float, float]:
     """As `best_shift`, from where the torque is."""
     rows = away_from_reversals(data)
-    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows, loaded), data.shift, data.upsampling)
+    return best_shift(
+        lambda shift: linear_misfit(shifted(data, shift), rows, loaded), data.shift, data.upsampling
+    )
 
 
 def _misfit(data: Prepared, loaded: bool = False) -> float:

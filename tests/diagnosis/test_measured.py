@@ -1,5 +1,6 @@
 """Measured data of others: what is known to hide in them is found, and only suspected."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -119,6 +120,39 @@ def test_a_buffer_in_measured_data_is_a_spring_by_a_course_of_its_own() -> None:
     assert found.effects[0] == "spring"
     assert "position_dependent_friction" not in found.effects
     assert any("Its law differs" in note for note in found.notes)
+
+
+def _in_motor(law: Callable[[MeasuredMotion], Floats], level: float) -> tuple[Recording, Recording]:
+    """Both halves of a motor's swings with an effect in its torque."""
+    whole = raised(AXES["bldc-current"].recording(), law, level)
+    first = np.arange(len(whole)) < len(whole) // 2
+    return whole.rows(first), whole.rows(~first)
+
+
+@pytest.mark.slow(6)
+def test_friction_that_its_load_presses_is_no_filtered_position() -> None:
+    """A filter of 16 ms was told, beside which nothing could be named; the other half was "none"."""
+    halves = _in_motor(lambda motion: motion.slides * np.abs(motion.torque), 0.31)
+    found = autotune.diagnose(halves, autotune.fit(halves[0]))
+    assert (found.effects, found.confidence) == (("load_dependent_friction",), "confirmed")
+    assert not any("low-passed" in note for note in found.notes)
+
+
+@pytest.mark.slow(6)
+def test_a_weight_in_a_motor_needs_no_friction_over_the_place_beside_it() -> None:
+    """A filter took the most of it; what that left was named, confirmed by the other half."""
+    halves = _in_motor(lambda motion: np.sin(motion.position + 1.0), 0.32)
+    found = autotune.diagnose(halves, autotune.fit(halves[0]))
+    assert (found.effects, found.confidence) == (("gravity_imbalance",), "confirmed")
+
+
+@pytest.mark.slow(9)
+def test_a_buffer_in_a_motor_is_a_spring_and_no_wave() -> None:
+    """A weight behind a gear came nearer to it than a straight line, and nothing was named."""
+    halves = _in_motor(lambda motion: np.maximum(motion.place - 0.6, 0.0), 0.39)
+    found = autotune.diagnose(halves, autotune.fit(halves[0]))
+    assert found.verdict in ("named", "ambiguous")
+    assert found.effects == ("spring",)
 
 
 @pytest.mark.slow(15)

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.fit_recordings import fit_recordings
@@ -120,3 +121,29 @@ def test_a_load_draws_the_torque_nowhere(rows: int) -> None:
     late = _with_torque(joint, _late(joint, rows) if rows else joint["torque"])
     data = aligned(prepared_for([late]))
     assert data.shift / data.upsampling == pytest.approx(2.0 * rows, abs=1.0)
+
+
+def _swinging_fast() -> Recording:
+    """A motor under a sine of current, to and fro by four turns at 2 Hz, with a weight."""
+    period, amplitude, turn = 1e-3, 12.0, 4.0 * np.pi
+    time = period * np.arange(12_000)
+    q, v = 0.4 * time + amplitude * np.sin(turn * time), 0.4 + amplitude * turn * np.cos(turn * time)
+    a = -amplitude * turn**2 * np.sin(turn * time)
+    torque = 2e-4 * a + 1e-4 * v + 0.08 * np.tanh(v / 2.0) + 0.08 * np.sin(q + 1.0)
+    torque += np.random.default_rng(5).normal(0.0, 0.004, len(q))
+    columns = {"time": time, "position": q, "torque": torque}
+    return Recording.from_columns(columns, Metadata(sample_period=period), "swing")
+
+
+def test_a_weight_is_no_filtered_position() -> None:
+    """A filter of 16 ms takes away what it does at 24 turns a second: what that left was named another effect."""
+    assert low_passed(prepared_for([_swinging_fast()])) is None
+
+
+def test_a_filtered_position_is_told_beside_a_weight() -> None:
+    swing = _swinging_fast()
+    share = 1.0 - np.exp(-1.0 / 16.0)
+    seen = scipy.signal.lfilter([share], [1.0, share - 1.0], swing["position"])
+    columns = {**swing.floats, "position": seen}
+    data = prepared_for([replace(swing, floats=MappingProxyType(columns))])
+    assert low_passed(data) == ("position", pytest.approx(0.016))
