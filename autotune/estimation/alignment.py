@@ -406,9 +406,11 @@ class Filtered:
 
 
 def filtered_or_late(data: Prepared) -> Filtered:
-    """Whichever explains the torque better: the torque where it is, or a first-order filter of one of the columns."""
+    """Whichever explains the torque better: the torque where it is, or a first-order filter of one of the columns;
+    beside a load too (`low_passed`)."""
     rows = away_from_reversals(data)
     gains, left = linear_fit(data, rows)[0], linear_misfit(data, rows)
+    most = POLICY.clearly_less * linear_misfit(data, rows, loaded=True)
     best, found = POLICY.clearly_less * left, Filtered("", 0.0, data.shift, np.zeros(len(gains)))
     if left > LARGE or data.coarse:
         return found
@@ -418,6 +420,8 @@ def filtered_or_late(data: Prepared) -> Filtered:
             shift, misfit = _shift_from_here(alike)
             if misfit < best and abs(shift) < abs(data.shift):  # it is why the torque seemed early or late
                 if not _drives(shifted(alike, shift), rows):
+                    continue
+                if linear_misfit(shifted(alike, shift), rows, loaded=True) > most:
                     continue
                 change = _relative(linear_fit(shifted(alike, shift), rows)[0], gains)
                 best, found = misfit, Filtered(column, samples, shift, change)
