@@ -62,6 +62,7 @@ from autotune.recordings.importing.plausible import (
     refuse_wrong_sign,
     sizes_of_dynamics,
 )
+from autotune.recordings.importing.played_again import told_apart
 from autotune.recordings.importing.source import Column, Source
 from autotune.recordings.importing.speed_table import as_stretches
 from autotune.recordings.importing.stated import with_stated_period
@@ -122,6 +123,9 @@ def import_files(paths: Sequence[Path], options: Options) -> Imported:
     recording = concatenate(parts) if len(parts) > 1 else parts[0]
     del parts
     lines = _lines(files) + _periods(files, period) + leaps
+    if not (options.experiment or any(file.labels for file in files)):
+        recording, plays = told_apart(recording)
+        lines += [plays] if plays else []
     recording, remarks = _judged(recording, files, options)
     return Imported(recording, tuple(plain(line) for line in lines + remarks))
 

@@ -1,0 +1,224 @@
+"""Motions that one file plays several times: what a reference from rest to rest shows, where no column says so.
+
+Without repeats nothing tells noise from what is missing. Most programmes play each motion more than once, and a file
+that holds all of them in one piece seldom says which rows are which.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autotune.core.arrays import Floats
+from autotune.recordings.recording import Recording
+
+REST = 0.05
+"""s for which a reference must stand still between two motions."""
+STILL = 1e-6
+"""Of its range: by how much it may change from row to row meanwhile."""
+ALIKE = 1e-3
+"""Of a motion's range: how much two of its plays may differ."""
+SLACK = 1
+"""Rows by which one motion may come sooner or later in another play."""
+SETTLED = 0.3
+"""s after a motion that belong to it still, where the rest is twice as long."""
+LEAST_PART, MOST_PARTS = 2.0, 12
+"""s of motion that are an experiment by themselves, at least; and how many all plays are cut into."""
+FEWEST = 4
+"""Experiments that are played again: with fewer there is nothing left to be held out."""
+MOST_MOTIONS = 1500
+Table = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Rows from rest to rest: the reference leaves one at `start`, and is at the other from `stop` on."""
+
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True, slots=True)
+class Play:
+    """Rows of one play of an experiment; `repeat` counts its plays from 0."""
+
+    experiment: int
+    repeat: int
+    start: int
+    stop: int
+
+
+def told_apart(recording: Recording) -> tuple[Recording, str | None]:
+    """The recording with what its reference plays again as repeats, and a sentence on it.
+
+    As it was where something is a repeat already, where there is no reference, or hardly anything comes again.
+    """
+    if "reference" not in recording or np.any(recording.repeat > 0):
+        return recording, None
+    experiment, repeat = recording.experiment.copy().astype(object), recording.repeat.copy()
+    most, found = 0, 0
+    for segment in recording.segments():
+        plays = played(recording["reference"][segment.rows], recording.period)
+        if not plays:
+            continue
+        for number, (start, stop) in enumerate(_between(plays, segment.stop - segment.start)):
+            experiment[segment.start + start : segment.start + stop] = f"{segment.experiment}.0.{number + 1}"
+        for one in plays:
+            rows = slice(segment.start + one.start, segment.start + one.stop)
+            experiment[rows], repeat[rows] = f"{segment.experiment}.{one.experiment + 1}", one.repeat
+        most = max(most, *(one.repeat + 1 for one in plays))
+        found += len({one.experiment for one in plays})
+    if not found:
+        return recording, None
+    columns = {name: recording[name] for name in recording.floats}
+    split = Recording.from_columns(
+        columns, recording.metadata, experiment.astype(str), repeat, recording.missed
+    )
+    times = "twice" if most == 2 else f"up to {most} times"
+    return split, (
+        f"the reference plays {found} motions {times}: they are told apart as repeats (name the file's motion with "
+        "--experiment to keep it in one piece)"
+    )
+
+
+def played(reference: Floats, period: float) -> list[Play]:
+    """What a reference of shape (n,) plays more than once, in order; empty where that is hardly anything."""
+    motions = motions_of(reference, max(5, round(REST / period)))
+    if not 2 * FEWEST <= len(motions) <= MOST_MOTIONS:
+        return []
+    blocks = _blocks(reference, motions)
+    total = sum(motions[block[0] + count - 1].stop - motions[block[0]].start for block, count in blocks)
+    least = max(LEAST_PART / period, total / MOST_PARTS)
+    plays: list[Play] = []
+    for block, count in blocks:
+        for first, last in _parts(motions, block[0], count, least):
+            begun = [(at + first, at + last) for at in block]
+            plays += _rows(motions, begun, len(reference), round(SETTLED / period), _number(plays))
+    if _number(plays) < FEWEST:
+        return []
+    return sorted(plays, key=lambda one: one.start)
+
+
+def motions_of(reference: Floats, rest: int) -> list[Motion]:
+    """All motions between rests of so many rows at least."""
+    moves = np.abs(np.diff(reference)) > STILL * max(float(np.ptp(reference)), 1e-300)
+    rows = np.flatnonzero(moves)
+    if len(rows) == 0:
+        return []
+    ends = np.flatnonzero(np.diff(rows) > rest)
+    firsts = rows[np.concatenate([[0], ends + 1])]
+    lasts = rows[np.concatenate([ends, [len(rows) - 1]])]
+    return [Motion(int(a), int(b) + 1) for a, b in zip(firsts, lasts, strict=True)]
+
+
+def _number(plays: Sequence[Play]) -> int:
+    return len({one.experiment for one in plays})
+
+
+def _blocks(reference: Floats, motions: Sequence[Motion]) -> list[tuple[list[int], int]]:
+    """Runs of motions that come again, those that last longest first: where their plays begin, and how many motions."""
+    alike = _alike(reference, motions)
+    starts = np.array([one.start for one in motions])
+    moved = np.cumsum([0, *(one.stop - one.start for one in motions)])
+    number = np.arange(len(motions))
+    blocks: list[tuple[list[int], int]] = []
+    while True:
+        shared = _shared(alike, starts)
+        before = np.minimum(shared, number - number[:, None])  # a play ends before the next one begins
+        lasts = moved[number[:, None] + np.maximum(before, 0)] - moved[:-1, None]
+        at, again = np.unravel_index(int(np.argmax(lasts)), lasts.shape)
+        count = int(before[at, again])
+        if count <= 0:
+            return blocks
+        count = _root(shared, int(at), count)
+        begun = [int(at)]
+        for one in np.flatnonzero(shared[at] >= count).tolist():
+            if one >= begun[-1] + count:
+                begun.append(one)
+        for one in begun:
+            alike[one : one + count, :] = alike[:, one : one + count] = False
+        blocks.append((begun, count))
+
+
+def _alike(reference: Floats, motions: Sequence[Motion]) -> Table:
+    """Which later motions are the same as each, shape (m, m)."""
+    lengths = np.array([one.stop - one.start for one in motions])
+    ends = np.array([(reference[one.start], reference[one.stop]) for one in motions])
+    found = np.zeros((len(motions), len(motions)), dtype=np.bool_)
+    for i, one in enumerate(motions):
+        own = reference[one.start : one.stop + 1]
+        tolerance = ALIKE * max(float(np.ptp(own)), 1e-300)
+        near = np.abs(lengths[i + 1 :] - lengths[i]) <= SLACK
+        near &= np.all(np.abs(ends[i + 1 :] - ends[i]) <= tolerance, axis=1)
+        for j in (i + 1 + np.flatnonzero(near)).tolist():
+            found[i, j] = _same(reference, own, motions[j].start, tolerance)
+    return found
+
+
+def _shared(alike: Table, starts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many motions from each one on come again from a later one on, in the same time; shape (m, m)."""
+    found = np.zeros(alike.shape, dtype=np.int64)
+    after = np.diff(starts)
+    for i in range(len(starts) - 1, -1, -1):
+        found[i] = alike[i]
+        if i < len(after):
+            in_time = np.abs(after - after[i]) <= SLACK
+            found[i, :-1] += np.where(alike[i, :-1] & in_time, found[i + 1, 1:], 0)
+    return found
+
+
+def _root(shared: NDArray[np.int64], at: int, count: int) -> int:
+    """The fewest motions of which a run is a whole number of plays."""
+    parts = (part for part in range(1, count // 2 + 1) if count % part == 0)
+    return next((part for part in parts if shared[at, at + part] >= count - part), count)
+
+
+def _same(reference: Floats, own: Floats, start: int, tolerance: float) -> bool:
+    """Whether a motion is the same from a row on, or from the one before or after it."""
+    for first in (start, start - 1, start + 1):
+        other = reference[max(first, 0) : max(first, 0) + len(own)]
+        if len(other) == len(own) and float(np.max(np.abs(other - own))) <= tolerance:
+            return True
+    return False
+
+
+def _parts(motions: Sequence[Motion], at: int, count: int, least: float) -> Iterator[tuple[int, int]]:
+    """A run cut at rests into parts that last so many rows at least: their first and last motion in it."""
+    first = 0
+    for k in range(count):
+        lasts = motions[at + k].stop - motions[at + first].start
+        rest = motions[at + count - 1].stop - motions[at + k].stop
+        if k == count - 1 or (lasts >= least and rest >= least):
+            yield first, k
+            first = k + 1
+
+
+def _rows(
+    motions: Sequence[Motion], begun: Sequence[tuple[int, int]], rows: int, settled: int, number: int
+) -> list[Play]:
+    """The plays of one part, with as much of the rests around them as all of them have."""
+    before, after = [], []
+    for first, last in begun:
+        start = motions[first - 1].stop if first else 0
+        stop = motions[last + 1].start if last + 1 < len(motions) else rows
+        rest = motions[first].start - start
+        before.append(rest if not first else rest - min(settled, rest // 2))
+        after.append(min(settled, (stop - motions[last].stop) // 2))
+    lead, tail = min(before), min(after)
+    length = min(motions[last].stop - motions[first].start for first, last in begun) + lead + tail
+    return [
+        Play(number, k, motions[first].start - lead, motions[first].start - lead + length)
+        for k, (first, _) in enumerate(begun)
+    ]
+
+
+def _between(plays: Sequence[Play], rows: int) -> Iterator[tuple[int, int]]:
+    """Rows that belong to no play."""
+    edges = [0, *itertools.chain.from_iterable((one.start, one.stop) for one in plays), rows]
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        if stop > start:
+            yield start, stop

@@ -1,0 +1,137 @@
+"""Motions that a file plays again, told by its reference."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from autotune.core.arrays import Floats
+from autotune.recordings.importing.played_again import FEWEST, Play, played
+
+from .conftest import bring_in
+
+PERIOD = 1e-3
+
+
+def _move(start: float, by: float, seconds: float) -> Floats:
+    """From rest to rest without a jump of acceleration."""
+    t = np.linspace(0.0, 1.0, round(seconds / PERIOD) + 1)
+    return start + by * (10.0 * t**3 - 15.0 * t**4 + 6.0 * t**5)
+
+
+def _there_and_back(by: float, seconds: float, rest: float = 0.3) -> Floats:
+    """Away, a rest, back, a rest."""
+    pause = np.zeros(round(rest / PERIOD))
+    there, back = _move(0.0, by, seconds), _move(by, -by, seconds)
+    return np.concatenate([there, pause + by, back, pause])
+
+
+LOOPS = [(1.0, 0.8), (-2.0, 1.1), (0.1, 2.0), (3.0, 0.9), (0.5, 0.5), (-0.05, 1.5)]
+ONCE = [_there_and_back(*one) for one in LOOPS]
+
+
+def _experiments(plays: list[Play]) -> dict[int, list[Play]]:
+    return {n: [one for one in plays if one.experiment == n] for n in {one.experiment for one in plays}}
+
+
+def _sound(reference: Floats, plays: list[Play]) -> None:
+    """Plays lie one after the other, those of one experiment have as many rows and the same reference."""
+    edges = [(one.start, one.stop) for one in plays]
+    assert all(a < b for a, b in edges)
+    assert all(before[1] <= after[0] for before, after in itertools.pairwise(edges))
+    assert not edges or (edges[0][0] >= 0 and edges[-1][1] <= len(reference))
+    for own in _experiments(plays).values():
+        assert sorted(one.repeat for one in own) == list(range(len(own)))
+        first = reference[own[0].start : own[0].stop]
+        for other in own[1:]:
+            there = reference[other.start : other.stop]
+            assert there == pytest.approx(first, abs=5e-3 * np.ptp(first))
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_a_programme_played_again_is_cut_into_experiments(times: int) -> None:
+    reference = np.concatenate([*ONCE] * times)
+    plays = played(reference, PERIOD)
+    _sound(reference, plays)
+    found = _experiments(plays)
+    assert len(found) >= FEWEST
+    assert all(len(own) == times for own in found.values())
+    assert sum(one.stop - one.start for one in plays) > 0.8 * len(reference)
+
+
+def test_motions_that_are_played_twice_each_are_repeats() -> None:
+    reference = np.concatenate([part for one in ONCE for part in (one, one)])
+    plays = played(reference, PERIOD)
+    _sound(reference, plays)
+    assert sum(one.stop - one.start for one in plays) > 0.8 * len(reference)
+
+
+def test_a_rest_that_lasts_longer_is_no_other_motion() -> None:
+    pause = np.zeros(700)
+    reference = np.concatenate([part for one in ONCE for part in (one, pause, one)])
+    plays = played(reference, PERIOD)
+    _sound(reference, plays)
+    assert len(_experiments(plays)) >= FEWEST
+
+
+def test_a_reference_in_counts_plays_the_same_motions() -> None:
+    reference = np.round(np.concatenate([*ONCE, *ONCE]) / 1e-4) * 1e-4
+    plays = played(reference, PERIOD)
+    _sound(reference, plays)
+    assert len(_experiments(plays)) >= FEWEST
+
+
+@pytest.mark.parametrize("reference", [
+    np.concatenate([*ONCE, *(1.1 * one for one in ONCE)]),
+    np.sin(np.linspace(0.0, 60.0, 20_000)),
+    np.concatenate([np.zeros(500), np.sin(np.linspace(0.0, 60.0, 20_000)), np.zeros(500)]),
+    np.zeros(20_000),
+    np.concatenate([ONCE[0], ONCE[0]]),
+], ids=["never again", "a sine", "a sine between rests", "at rest", "too few"])  # fmt: skip
+def test_what_does_not_come_again_stays_in_one_piece(reference: Floats) -> None:
+    assert played(reference, PERIOD) == []
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.integers(0, len(ONCE) - 1), max_size=24),
+    st.lists(st.integers(0, 900), min_size=24, max_size=24),
+)
+def test_any_order_of_motions_is_told_soundly(order: list[int], rests: list[int]) -> None:
+    parts = [part for n, rest in zip(order, rests, strict=False) for part in (ONCE[n], np.zeros(rest))]
+    reference = np.concatenate([np.zeros(10), *parts])
+    _sound(reference, played(reference, PERIOD))
+
+
+def _file(tmp_path: Path) -> Path:
+    """A programme that is played twice, of an axis that follows it."""
+    reference = np.concatenate([*ONCE, *ONCE])
+    position = np.concatenate([reference[:1], reference[:-1]])
+    velocity = np.gradient(position, PERIOD)
+    torque = 1e-2 * np.gradient(velocity, PERIOD) + 0.1 * np.tanh(velocity / 0.01)
+    rows = zip(PERIOD * np.arange(len(reference)), position, torque, reference, strict=True)
+    path = tmp_path / "axis.csv"
+    lines = ["t [s],pos [rad],tau [Nm],ref [rad]", *(",".join(f"{x:.9g}" for x in row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+COLUMNS = ("time=t", "position=pos", "torque=tau", "reference=ref")
+
+
+def test_a_file_without_labels_tells_its_repeats(tmp_path: Path) -> None:
+    imported = bring_in(_file(tmp_path), columns=COLUMNS)
+    assert any("they are told apart as repeats" in line for line in imported.lines)
+    names = {one.experiment for one in imported.recording.segments() if one.repeat == 1}
+    assert len(names) >= FEWEST
+    assert all(name.startswith("axis.") for name in names)
+
+
+def test_a_file_that_is_named_stays_in_one_piece(tmp_path: Path) -> None:
+    imported = bring_in(_file(tmp_path), columns=COLUMNS, experiment="day")
+    assert [one.experiment for one in imported.recording.segments()] == ["day"]
