@@ -123,7 +123,7 @@ def import_files(paths: Sequence[Path], options: Options) -> Imported:
     recording = concatenate(parts) if len(parts) > 1 else parts[0]
     del parts
     lines = _lines(files) + _periods(files, period) + leaps
-    if not (options.experiment or any(file.labels for file in files)):
+    if not options.experiment:
         recording, plays = told_apart(recording)
         lines += [plays] if plays else []
     recording, remarks = _judged(recording, files, options)

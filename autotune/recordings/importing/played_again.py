@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
-from autotune.recordings.recording import Recording
+from autotune.recordings.recording import RESERVED_EXPERIMENTS, Recording, Segment
 
 REST = 0.05
 """s for which a reference must stand still between two motions."""
@@ -36,10 +36,15 @@ Table = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Rows from rest to rest: the reference leaves one at `start`, and is at the other from `stop` on."""
+    """Rows from rest to rest: the reference leaves one at `start`, and is at the other from `stop` on.
+
+    `low`, `high`: rows of the piece that it is in, within which its rests are.
+    """
 
     start: int
     stop: int
+    low: int
+    high: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,51 +60,82 @@ class Play:
 def told_apart(recording: Recording) -> tuple[Recording, str | None]:
     """The recording with what its reference plays again as repeats, and a sentence on it.
 
-    As it was where something is a repeat already, where there is no reference, or hardly anything comes again.
+    As it was where there is no reference, or hardly anything comes again; and where something is a repeat already, each
+    as long as the others. Rows of those that are not, as labels often include pauses, are put beside each other.
     """
-    if "reference" not in recording or np.any(recording.repeat > 0):
-        return recording, None
-    experiment, repeat = recording.experiment.copy().astype(object), recording.repeat.copy()
-    most, found = 0, 0
+    groups: dict[str, list[Segment]] = {}
     for segment in recording.segments():
-        plays = played(recording["reference"][segment.rows], recording.period)
-        if not plays:
-            continue
-        for number, (start, stop) in enumerate(_between(plays, segment.stop - segment.start)):
-            experiment[segment.start + start : segment.start + stop] = f"{segment.experiment}.0.{number + 1}"
-        for one in plays:
-            rows = slice(segment.start + one.start, segment.start + one.stop)
-            experiment[rows], repeat[rows] = f"{segment.experiment}.{one.experiment + 1}", one.repeat
-        most = max(most, *(one.repeat + 1 for one in plays))
-        found += len({one.experiment for one in plays})
-    if not found:
+        groups.setdefault(segment.experiment, []).append(segment)
+    uneven = any(len({one.stop - one.start for one in own}) > 1 for own in groups.values())
+    if "reference" not in recording or (np.any(recording.repeat > 0) and not uneven):
+        return recording, None
+    fitted = [one for name, own in groups.items() if name not in RESERVED_EXPERIMENTS for one in own]
+    least = sum(one.stop - one.start for one in fitted) / MOST_PARTS
+    labels = _Labels(recording.experiment.astype(object), recording.repeat.copy())
+    for name, own in groups.items():
+        pieces = [(one.start, one.stop) for one in own]
+        reserved = name in RESERVED_EXPERIMENTS
+        plays = played(recording["reference"], recording.period, pieces, np.inf if reserved else least)
+        labels.put(name, reserved, pieces, plays)
+    if not labels.number or (not uneven and labels.number < FEWEST):
         return recording, None
     columns = {name: recording[name] for name in recording.floats}
     split = Recording.from_columns(
-        columns, recording.metadata, experiment.astype(str), repeat, recording.missed
+        columns, recording.metadata, labels.experiment.astype(str), labels.repeat, recording.missed
     )
-    times = "twice" if most == 2 else f"up to {most} times"
+    times = "twice" if labels.most == 2 else f"up to {labels.most} times"
     return split, (
-        f"the reference plays {found} motions {times}: they are told apart as repeats (name the file's motion with "
-        "--experiment to keep it in one piece)"
+        f"the reference plays {labels.number} motions {times}: they are told apart as repeats (name the file's motion "
+        "with --experiment to keep it in one piece)"
     )
 
 
-def played(reference: Floats, period: float) -> list[Play]:
-    """What a reference of shape (n,) plays more than once, in order; empty where that is hardly anything."""
-    motions = motions_of(reference, max(5, round(REST / period)))
-    if not 2 * FEWEST <= len(motions) <= MOST_MOTIONS:
+@dataclass(slots=True)
+class _Labels:
+    """The experiment and repeat of each row, shape (n,); `number` of experiments that come again, `most` times."""
+
+    experiment: NDArray[np.object_]
+    repeat: NDArray[np.int64]
+    number: int = 0
+    most: int = 0
+
+    def put(
+        self, name: str, reserved: bool, pieces: Sequence[tuple[int, int]], plays: Sequence[Play]
+    ) -> None:
+        """Labels the plays of an experiment, and what lies between them; nothing where there are none."""
+        if not plays:
+            return
+        between = [rows for start, stop in pieces for rows in _between(plays, start, stop)]
+        for number, (start, stop) in enumerate(between, 1):
+            self.experiment[start:stop] = "conditioning" if reserved else f"{name}.0.{number}"
+            self.repeat[start:stop] = number - 1 if reserved else 0
+        for one in plays:
+            rows = slice(one.start, one.stop)
+            self.experiment[rows] = name if reserved else f"{name}.{one.experiment + 1}"
+            self.repeat[rows] = one.repeat
+        self.number += 0 if reserved else _number(plays)
+        self.most = max(self.most, *(one.repeat + 1 for one in plays))
+
+
+def played(
+    reference: Floats, period: float, pieces: Sequence[tuple[int, int]], least: float = 0.0
+) -> list[Play]:
+    """What a reference of shape (n,) plays more than once in pieces of it, in order; none where nothing comes again.
+
+    `least`: rows that an experiment lasts at least.
+    """
+    motions = [
+        replace(one, start=one.start + low, stop=one.stop + low, low=low, high=high)
+        for low, high in pieces
+        for one in motions_of(reference[low:high], max(5, round(REST / period)))
+    ]
+    if not 2 <= len(motions) <= MOST_MOTIONS:
         return []
-    blocks = _blocks(reference, motions)
-    total = sum(motions[block[0] + count - 1].stop - motions[block[0]].start for block, count in blocks)
-    least = max(LEAST_PART / period, total / MOST_PARTS)
     plays: list[Play] = []
-    for block, count in blocks:
-        for first, last in _parts(motions, block[0], count, least):
+    for block, count in _blocks(reference, motions):
+        for first, last in _parts(motions, block[0], count, max(LEAST_PART / period, least)):
             begun = [(at + first, at + last) for at in block]
-            plays += _rows(motions, begun, len(reference), round(SETTLED / period), _number(plays))
-    if _number(plays) < FEWEST:
-        return []
+            plays += _rows(motions, begun, round(SETTLED / period), _number(plays))
     return sorted(plays, key=lambda one: one.start)
 
 
@@ -112,7 +148,7 @@ def motions_of(reference: Floats, rest: int) -> list[Motion]:
     ends = np.flatnonzero(np.diff(rows) > rest)
     firsts = rows[np.concatenate([[0], ends + 1])]
     lasts = rows[np.concatenate([ends, [len(rows) - 1]])]
-    return [Motion(int(a), int(b) + 1) for a, b in zip(firsts, lasts, strict=True)]
+    return [Motion(int(a), int(b) + 1, 0, len(reference)) for a, b in zip(firsts, lasts, strict=True)]
 
 
 def _number(plays: Sequence[Play]) -> int:
@@ -123,11 +159,12 @@ def _blocks(reference: Floats, motions: Sequence[Motion]) -> list[tuple[list[int
     """Runs of motions that come again, those that last longest first: where their plays begin, and how many motions."""
     alike = _alike(reference, motions)
     starts = np.array([one.start for one in motions])
+    begins = np.array([one.low for one in motions])
     moved = np.cumsum([0, *(one.stop - one.start for one in motions)])
     number = np.arange(len(motions))
     blocks: list[tuple[list[int], int]] = []
     while True:
-        shared = _shared(alike, starts)
+        shared = _shared(alike, starts, begins)
         before = np.minimum(shared, number - number[:, None])  # a play ends before the next one begins
         lasts = moved[number[:, None] + np.maximum(before, 0)] - moved[:-1, None]
         at, again = np.unravel_index(int(np.argmax(lasts)), lasts.shape)
@@ -159,14 +196,17 @@ def _alike(reference: Floats, motions: Sequence[Motion]) -> Table:
     return found
 
 
-def _shared(alike: Table, starts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """How many motions from each one on come again from a later one on, in the same time; shape (m, m)."""
+def _shared(alike: Table, starts: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many motions from each one on come again from a later one on, in the same time; shape (m, m).
+
+    `starts`, `begins`: where each motion and its piece begin, shape (m,); no run goes on in another piece.
+    """
     found = np.zeros(alike.shape, dtype=np.int64)
-    after = np.diff(starts)
+    after, within = np.diff(starts), np.diff(begins) == 0
     for i in range(len(starts) - 1, -1, -1):
         found[i] = alike[i]
-        if i < len(after):
-            in_time = np.abs(after - after[i]) <= SLACK
+        if i < len(after) and within[i]:
+            in_time = within & (np.abs(after - after[i]) <= SLACK)
             found[i, :-1] += np.where(alike[i, :-1] & in_time, found[i + 1, 1:], 0)
     return found
 
@@ -198,15 +238,17 @@ def _parts(motions: Sequence[Motion], at: int, count: int, least: float) -> Iter
 
 
 def _rows(
-    motions: Sequence[Motion], begun: Sequence[tuple[int, int]], rows: int, settled: int, number: int
+    motions: Sequence[Motion], begun: Sequence[tuple[int, int]], settled: int, number: int
 ) -> list[Play]:
     """The plays of one part, with as much of the rests around them as all of them have."""
     before, after = [], []
     for first, last in begun:
-        start = motions[first - 1].stop if first else 0
-        stop = motions[last + 1].start if last + 1 < len(motions) else rows
-        rest = motions[first].start - start
-        before.append(rest if not first else rest - min(settled, rest // 2))
+        start = max(motions[first - 1].stop, motions[first].low) if first else motions[first].low
+        stop = motions[last].high
+        if last + 1 < len(motions):
+            stop = min(motions[last + 1].start, stop)
+        rest, alone = motions[first].start - start, start == motions[first].low
+        before.append(rest if alone else rest - min(settled, rest // 2))
         after.append(min(settled, (stop - motions[last].stop) // 2))
     lead, tail = min(before), min(after)
     length = min(motions[last].stop - motions[first].start for first, last in begun) + lead + tail
@@ -216,9 +258,10 @@ def _rows(
     ]
 
 
-def _between(plays: Sequence[Play], rows: int) -> Iterator[tuple[int, int]]:
-    """Rows that belong to no play."""
-    edges = [0, *itertools.chain.from_iterable((one.start, one.stop) for one in plays), rows]
+def _between(plays: Sequence[Play], low: int, high: int) -> Iterator[tuple[int, int]]:
+    """Rows of a piece that belong to no play."""
+    inside = [one for one in plays if low <= one.start < high]
+    edges = [low, *itertools.chain.from_iterable((one.start, one.stop) for one in inside), high]
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         if stop > start:
             yield start, stop
