@@ -57,7 +57,7 @@ from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE
 from autotune.models.reversal_memory import REVERSAL_MEMORY, contact, stands_alone
 from autotune.models.spring import SPRING as PULL
 from autotune.models.table import EFFECTS, usual_rivals
-from autotune.models.torque_ripple import scale_slot
+from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
 
 OUTDONE = 1.5
 """Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
@@ -414,7 +414,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
         doubtful = tuple(one for one in facts.rivals if one not in behind)
         facts = replace(facts, rivals=doubtful or _untold(facts, found.told_apart, behind))
     if named:
-        return _or_a_weight(facts, found.told_apart)
+        return _or_a_ripple(_or_a_weight(facts, found.told_apart), found.told_apart)
     breathing = breathing_friction(problem, final) if evidence.repeats else None
     facts = replace(facts, breathing=breathing, overlooked=evidence.overlooked(problem, root, found.first))
     left = _something_left(facts, found.sliding or problem)
@@ -431,6 +431,25 @@ def _or_a_weight(facts: Facts, told_apart: Sequence[str]) -> Facts:
     alike = facts.evidence.alike(facts.problem)
     as_well = like_a_weight(facts.problem, facts.root, chosen.model_fit, alike)
     return replace(facts, rivals=(*facts.rivals, weight)) if as_well else facts
+
+
+def _or_a_ripple(facts: Facts, told_apart: Sequence[str]) -> Facts:
+    """The facts with a ripple among the rivals of a weight behind a gear that needs a second wave a turn.
+
+    A weight makes one wave a turn of its load; with a lever that changes, two. A belt's or a gear's ripple has any
+    number of them, and its order is no gear's ratio more often than a weight's is.
+    """
+    chosen, ripple = facts.chosen, TORQUE_RIPPLE.name
+    if chosen is None or chosen.model_fit.effects != (GRAVITY_IMBALANCE.name,):
+        return facts
+    if ripple in (*facts.rivals, *told_apart) or ripple not in {
+        kind.name for kind in facts.problem.candidates
+    }:
+        return facts
+    own = {name: GRAVITY_IMBALANCE.slot(name) for name in ("order", "sin_2", "cos_2")}
+    free = {one.slot for one in chosen.model_fit.free}
+    geared = own["order"] in free and not free.isdisjoint((own["sin_2"], own["cos_2"]))
+    return replace(facts, rivals=(*facts.rivals, ripple)) if geared else facts
 
 
 def _each_told(facts: Facts) -> bool:

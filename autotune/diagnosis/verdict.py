@@ -52,6 +52,7 @@ from autotune.diagnosis.wording import (
     line_note,
     nearest,
     next_experiment,
+    not_looked_for,
     nothing_note,
     relaxed_note,
     stranger_note,
@@ -387,6 +388,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]
         * (found.presliding is not None)
         + list(facts.base)
+        + list(not_looked_for(facts.problem, facts.evidence))
     )
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root

@@ -121,6 +121,14 @@ CYCLES_OR_LAG = (
     "own loop. It is no effect that these data tell from a bus, and taken out; a prompter one makes room for faster "
     "gains."
 )
+MOVED_UNTOLD = (
+    "The torque was taken to act {late:.2g} ms {when} than it was recorded, where inertia and friction explain it "
+    "best: no controller tells when it acts, and a lag of the loop is none that these data could show."
+)
+NOT_LOOKED_FOR = (
+    "Without a twin {names} cannot be told, and {was} not looked for: the reference that the controller followed, and "
+    "all of the torque that it was given, would make one."
+)
 MOVED = (
     "The axis answers {late:.2g} ms after the torque that is recorded. A current loop or a filter between demand "
     "and torque is late so, and so is a torque that is read sooner than its row: nothing in these data tells which it "
@@ -185,6 +193,9 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
         notes.append(said.format(cycles=cycles, period=1e3 * data.upsampling * data.period))
     elif law is not None and data.late > 0.0:
         notes.append(MOVED.format(late=1e3 * data.late * data.period))
+    elif law is None and abs(data.late) >= data.upsampling:
+        when = "later" if data.late > 0.0 else "sooner"
+        notes.append(MOVED_UNTOLD.format(late=1e3 * abs(data.late) * data.period, when=when))
     if data.lag > 2.0 * data.lag_error:
         late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * data.lag)
         notes.append(CURRENT_LOOP_LATE.format(late=late, error=error, hertz=hertz))
@@ -199,6 +210,18 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
             told = {"size": data.reading.size, "period": period, "counts": period / data.resolution}
             notes.append(READS_OFF_CENTRE.format(**told, unit=unit))
     return tuple(notes)
+
+
+def not_looked_for(problem: Problem, evidence: Evidence) -> tuple[str, ...]:
+    """Says which effects such recordings cannot show as there is no twin; none where there is one."""
+    if problem.twin or problem.data.steady:
+        return ()
+    asked = evidence.candidates(problem)
+    names = [kind.name.replace("_", " ") for kind in problem.candidates if kind not in asked]
+    if not names:
+        return ()
+    listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    return (NOT_LOOKED_FOR.format(names=listed, was="was" if len(names) == 1 else "were"),)
 
 
 def candidate_rows(
@@ -341,11 +364,12 @@ def nearest(
 ) -> str:
     """The candidate that gains most, and what stopped it: as it was fitted where it was, as among the candidates."""
     gate, gain = evidence.stopped_by(problem, root, best), best.gain
+    where = "inside the twin" if problem.twin else "in a full fit"
     fitted = next((item for item in tried if item.effect == best.effect), None)
     if not gate and fitted is not None:
-        gate, gain = f"inside the twin it {evidence.explains(fitted)}", fitted.gain
+        gate, gain = f"{where} it {evidence.explains(fitted)}", fitted.gain
     name = best.effect.replace("_", " ")
-    gate = gate or "refuted or not borne out inside the twin"
+    gate = gate or f"refuted or not borne out {where}"
     return f"{name} comes nearest, gain {100 * gain:.1f} % on unseen experiments, and is not taken: {gate}."
 
 

@@ -64,7 +64,8 @@ from autotune.signals.triangle import less_run_means
 
 IMPORT_REFERENCE = "import it with one if there is: autotune data import FILE --column reference=FIELD"
 NAME_GAINS = (
-    "If you know its gains, name them: autotune data import FILE --controller 'pid kp=... kd=... ki=...'"
+    "If you know its gains, name them: autotune data import FILE --controller 'pid kp=... kd=... ki=...'; if a torque "
+    "was added to its own (an excitation, a feedforward), name that: --column torque_feedforward=FIELD"
 )
 ROUNDED = 1.2
 """Times the variance that rounding to the steps of the recorded torque has."""

@@ -33,7 +33,15 @@ BASE: tuple[Parameter, ...] = (
     Parameter("coulomb", "N m", 0.0, 0.0, 1e9, "friction while moving, at any speed", layout.COULOMB),
     Parameter("stiffness", "N m/rad", 1.0, 1e-12, 1e15, "spring of the contact at rest", layout.STIFFNESS),
     Parameter("micro_damping", "N m s/rad", 0.0, 0.0, 1e12, "damping of that spring", layout.MICRO_DAMPING),
-    Parameter("offset", "N m", 0.0, -1e9, 1e9, "constant torque: gravity, amplifier offset", layout.OFFSET),
+    Parameter(
+        "offset",
+        "N m",
+        0.0,
+        -1e9,
+        1e9,
+        "constant torque: gravity, amplifier, friction that differs by direction",
+        layout.OFFSET,
+    ),
 )
 DAMPING_VELOCITY = Parameter(
     "damping_velocity",

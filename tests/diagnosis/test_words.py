@@ -134,6 +134,6 @@ def test_the_candidate_that_comes_nearest_is_told_as_it_is_listed(stopped: str, 
     )
     nobody: Any = None
     best: Any = SimpleNamespace(effect="stribeck", gain=0.134)
-    text = nearest(nobody, evidence, nobody, best, fits)
+    text = nearest(SimpleNamespace(twin=True), evidence, nobody, best, fits)
     assert text.startswith("stribeck comes nearest, ")
     assert all(part in text for part in said)

@@ -83,8 +83,17 @@ def told_apart(recording: Recording) -> tuple[Recording, str | None]:
     split = Recording.from_columns(
         columns, recording.metadata, labels.experiment.astype(str), labels.repeat, recording.missed
     )
+    return split, _said(labels, uneven)
+
+
+def _said(labels: _Labels, uneven: bool) -> str:
     times = "twice" if labels.most == 2 else f"up to {labels.most} times"
-    return split, (
+    if uneven:
+        return (
+            f"repeats of one label are of different lengths: by the reference {labels.number} motions in them are "
+            f"played {times}, and put beside each other"
+        )
+    return (
         f"the reference plays {labels.number} motions {times}: they are told apart as repeats (name the file's motion "
         "with --experiment to keep it in one piece)"
     )
