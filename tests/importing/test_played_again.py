@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autotune.core.arrays import Floats
-from autotune.recordings.importing.played_again import FEWEST, Play, played
+from autotune.recordings.importing.played_again import FEWEST, Play, beside, played
 
 from .conftest import bring_in
 
@@ -171,6 +171,25 @@ def test_labels_that_hold_a_longer_pause_are_repeats_still(tmp_path: Path) -> No
     assert {name[0] for name in lengths} == {"a", "b"}
     assert all(len(rows) == 1 for rows in lengths.values())
     assert {one.repeat for one in twice} == {0, 1}
+
+
+@pytest.mark.parametrize("later", [-120, 0, 77])
+def test_without_a_reference_plays_are_put_beside_each_other_by_their_position(later: int) -> None:
+    """To the row, in noise of a thousandth of a radian."""
+    motion, random = np.concatenate(ONCE), np.random.default_rng(1)
+    pauses = 200, 200 + later
+    pieces = [np.concatenate([np.zeros(pause), motion, np.zeros(50)]) for pause in pauses]
+    position = np.concatenate(pieces) + random.normal(0.0, 0.001, sum(map(len, pieces)))
+    edge = len(pieces[0])
+    one, other = beside(position, [(0, edge), (edge, len(position))])
+    assert one.stop - one.start == other.stop - other.start >= len(motion)
+    assert (other.start - edge) - one.start == later
+
+
+def test_another_motion_is_put_beside_none() -> None:
+    position = np.concatenate([*ONCE[:3], *ONCE[3:]])
+    edge = sum(map(len, ONCE[:3]))
+    assert beside(position, [(0, edge), (edge, len(position))]) == []
 
 
 def test_labels_of_even_repeats_are_left_as_they_are(tmp_path: Path) -> None:

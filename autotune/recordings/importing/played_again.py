@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
@@ -31,6 +32,8 @@ LEAST_PART, MOST_PARTS = 2.0, 12
 FEWEST = 4
 """Experiments that are played again: with fewer there is nothing left to be held out."""
 MOST_MOTIONS = 1500
+NEAR, OVERLAP = 0.01, 0.8
+"""Of its range: how much positions of two plays may differ (rms); and of its rows: how many both must have."""
 Table = NDArray[np.bool_]
 
 
@@ -61,13 +64,15 @@ def told_apart(recording: Recording) -> tuple[Recording, str | None]:
     """The recording with what its reference plays again as repeats, and a sentence on it.
 
     As it was where there is no reference, or hardly anything comes again; and where something is a repeat already, each
-    as long as the others. Rows of those that are not, as labels often include pauses, are put beside each other.
+    as long as the others. Those that are not, as labels often include pauses, are put beside each other; where there is
+    no reference, by the position.
     """
     groups: dict[str, list[Segment]] = {}
     for segment in recording.segments():
         groups.setdefault(segment.experiment, []).append(segment)
     uneven = any(len({one.stop - one.start for one in own}) > 1 for own in groups.values())
-    if "reference" not in recording or (np.any(recording.repeat > 0) and not uneven):
+    known = "reference" in recording
+    if (not known or np.any(recording.repeat > 0)) and not uneven:
         return recording, None
     fitted = [one for name, own in groups.items() if name not in RESERVED_EXPERIMENTS for one in own]
     least = sum(one.stop - one.start for one in fitted) / MOST_PARTS
@@ -75,7 +80,10 @@ def told_apart(recording: Recording) -> tuple[Recording, str | None]:
     for name, own in groups.items():
         pieces = [(one.start, one.stop) for one in own]
         reserved = name in RESERVED_EXPERIMENTS
-        plays = played(recording["reference"], recording.period, pieces, np.inf if reserved else least)
+        if known:
+            plays = played(recording["reference"], recording.period, pieces, np.inf if reserved else least)
+        else:
+            plays = beside(recording["position"], pieces)
         labels.put(name, reserved, pieces, plays)
     if not labels.number or (not uneven and labels.number < FEWEST):
         return recording, None
@@ -90,7 +98,7 @@ def _said(labels: _Labels, uneven: bool) -> str:
     times = "twice" if labels.most == 2 else f"up to {labels.most} times"
     if uneven:
         return (
-            f"repeats of one label are of different lengths: by the reference {labels.number} motions in them are "
+            f"repeats of one label are of different lengths: by their course {labels.number} motions in them are "
             f"played {times}, and put beside each other"
         )
     return (
@@ -146,6 +154,40 @@ def played(
             begun = [(at + first, at + last) for at in block]
             plays += _rows(motions, begun, round(SETTLED / period), _number(plays))
     return sorted(plays, key=lambda one: one.start)
+
+
+def beside(position: Floats, pieces: Sequence[tuple[int, int]]) -> list[Play]:
+    """Pieces of a position of shape (n,) that hold one motion, from where it begins in all; none where they do not.
+
+    Nothing says when each begins but the motion: by whole rows, where it differs least.
+    """
+    first = position[slice(*pieces[0])]
+    lags = [_lag(first, position[slice(*piece)]) for piece in pieces]
+    if len(pieces) < 2 or any(lag is None for lag in lags):
+        return []
+    known = [lag for lag in lags if lag is not None]
+    lead = max(known)
+    starts = [low + lead - lag for (low, _), lag in zip(pieces, known, strict=True)]
+    rows = min(high - start for start, (_, high) in zip(starts, pieces, strict=True))
+    return [Play(0, k, start, start + rows) for k, start in enumerate(starts)]
+
+
+def _lag(one: Floats, other: Floats) -> int | None:
+    """Rows by which a motion comes later in `one`; None where the other is another motion, or hardly overlaps it."""
+    least = round(OVERLAP * min(len(one), len(other)))
+    size = float(np.ptp(one))
+    if size <= 0.0:
+        return None
+    a, b = one - one.mean(), other - one.mean()
+    lags = scipy.signal.correlation_lags(len(a), len(b))
+    both = scipy.signal.correlate(a, b, method="fft")
+    low, high = np.maximum(lags, 0), np.minimum(len(a), len(b) + lags)
+    squares = [np.concatenate([[0.0], np.cumsum(part**2)]) for part in (a, b)]
+    rows = high - low
+    sums = squares[0][high] - squares[0][low] + squares[1][high - lags] - squares[1][low - lags]
+    apart = np.where(rows >= least, (sums - 2.0 * both) / np.maximum(rows, 1), np.inf)
+    best = int(np.argmin(apart))
+    return int(lags[best]) if apart[best] <= (NEAR * size) ** 2 else None
 
 
 def motions_of(reference: Floats, rest: int) -> list[Motion]:
