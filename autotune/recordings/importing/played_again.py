@@ -31,7 +31,8 @@ LEAST_PART, MOST_PARTS = 2.0, 12
 """s of motion that are an experiment by themselves, at least; and how many all plays are cut into."""
 FEWEST = 4
 """Experiments that are played again: with fewer there is nothing left to be held out."""
-MOST_MOTIONS = 1500
+MOST_MOTIONS, WORTH = 1500, 2e-3
+"""What is looked through at most; and of all motion, what must come again to be told."""
 NEAR, OVERLAP = 0.01, 0.8
 """Of its range: how much positions of two plays may differ (rms); and of its rows: how many both must have."""
 Table = NDArray[np.bool_]
@@ -220,7 +221,7 @@ def _blocks(reference: Floats, motions: Sequence[Motion]) -> list[tuple[list[int
         lasts = moved[number[:, None] + np.maximum(before, 0)] - moved[:-1, None]
         at, again = np.unravel_index(int(np.argmax(lasts)), lasts.shape)
         count = int(before[at, again])
-        if count <= 0:
+        if lasts[at, again] <= WORTH * moved[-1]:
             return blocks
         count = _root(shared, int(at), count)
         begun = [int(at)]
@@ -234,17 +235,15 @@ def _blocks(reference: Floats, motions: Sequence[Motion]) -> list[tuple[list[int
 
 def _alike(reference: Floats, motions: Sequence[Motion]) -> Table:
     """Which later motions are the same as each, shape (m, m)."""
-    lengths = np.array([one.stop - one.start for one in motions])
-    ends = np.array([(reference[one.start], reference[one.stop]) for one in motions])
-    found = np.zeros((len(motions), len(motions)), dtype=np.bool_)
+    kinds: list[Motion] = []
+    kind = np.empty(len(motions), dtype=np.int64)
     for i, one in enumerate(motions):
-        own = reference[one.start : one.stop + 1]
-        tolerance = ALIKE * max(float(np.ptp(own)), 1e-300)
-        near = np.abs(lengths[i + 1 :] - lengths[i]) <= SLACK
-        near &= np.all(np.abs(ends[i + 1 :] - ends[i]) <= tolerance, axis=1)
-        for j in (i + 1 + np.flatnonzero(near)).tolist():
-            found[i, j] = _same(reference, own, motions[j].start, tolerance)
-    return found
+        there = (k for k, known in enumerate(kinds) if _same(reference, known, one))
+        kind[i] = next(there, len(kinds))
+        if kind[i] == len(kinds):
+            kinds.append(one)
+    number = np.arange(len(motions))
+    return np.asarray((kind[:, None] == kind) & (number > number[:, None]))
 
 
 def _shared(alike: Table, starts: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -268,10 +267,16 @@ def _root(shared: NDArray[np.int64], at: int, count: int) -> int:
     return next((part for part in parts if shared[at, at + part] >= count - part), count)
 
 
-def _same(reference: Floats, own: Floats, start: int, tolerance: float) -> bool:
-    """Whether a motion is the same from a row on, or from the one before or after it."""
-    for first in (start, start - 1, start + 1):
-        other = reference[max(first, 0) : max(first, 0) + len(own)]
+def _same(reference: Floats, known: Motion, one: Motion) -> bool:
+    """Whether a motion is the same as one that is known, from its row on, or from the one before or after it."""
+    if abs(one.stop - one.start - known.stop + known.start) > SLACK:
+        return False
+    own = reference[known.start : known.stop + 1]
+    tolerance = ALIKE * max(float(np.ptp(own)), 1e-300)
+    if abs(reference[one.start] - own[0]) > tolerance:
+        return False
+    for first in (one.start, max(one.start - 1, 0), one.start + 1):
+        other = reference[first : first + len(own)]
         if len(other) == len(own) and float(np.max(np.abs(other - own))) <= tolerance:
             return True
     return False
