@@ -70,9 +70,12 @@ class SingleRecording(Evidence):
     """An effect found on one trajectory is suspected; another trajectory confirms or refutes it."""
 
     def candidates(self, problem: Problem) -> list[Kind]:
-        """Not what aligning torque with motion hides, where no controller tells how they belong together."""
+        """Not what aligning torque with motion hides, where no controller tells how they belong together.
+
+        Nor two masses: of nine in the worlds none was named so, and what was named so was a loop's or a memory's.
+        """
         kinds = super().candidates(problem)
-        return kinds if problem.twin else [kind for kind in kinds if not kind.lost_in_alignment]
+        return kinds if problem.twin else [kind for kind in kinds if not bends(kind)]
 
     def borne_out(self, model_fit: ModelFit, found: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
         """With gains that their own fits bear out."""
