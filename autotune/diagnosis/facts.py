@@ -440,7 +440,7 @@ def _or_a_ripple(facts: Facts, told_apart: Sequence[str]) -> Facts:
     number of them, and its order is no gear's ratio more often than a weight's is.
     """
     chosen, ripple = facts.chosen, TORQUE_RIPPLE.name
-    if chosen is None or chosen.model_fit.effects != (GRAVITY_IMBALANCE.name,):
+    if chosen is None or GRAVITY_IMBALANCE.name not in chosen.model_fit.effects:
         return facts
     if ripple in (*facts.rivals, *told_apart) or ripple not in {
         kind.name for kind in facts.problem.candidates

@@ -36,7 +36,12 @@ from autotune.estimation.alignment import (
     shifted,
     upsampled,
 )
-from autotune.estimation.controller import as_read, find_controller, with_friction_fed
+from autotune.estimation.controller import (
+    as_read,
+    find_controller,
+    with_friction_fed,
+    with_torque_added,
+)
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import (
@@ -445,7 +450,9 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     most = max(compared_below(longest.period), bands.error)
     data = _quiet(recordings, most, pace)
     law = find_controller(data, policy)
-    read = [as_read(recording, law) for recording in with_friction_fed(recordings, data, policy)]
+    told = with_friction_fed(recordings, data, policy)
+    told = with_torque_added(recordings, data, policy) if told is recordings else told
+    read = [as_read(recording, law) for recording in told]
     if any(one is not recording for one, recording in zip(read, recordings, strict=True)):
         recordings, data = read, _quiet(read, most, pace)
     if data.repeated:

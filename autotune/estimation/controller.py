@@ -12,6 +12,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.remembered import Remembered, digest_of
@@ -80,9 +81,17 @@ AS_ACTED = (
 )
 FEEDS_FRICTION = "The controller feeds friction forward, "
 FRICTION_FED = FEEDS_FRICTION + "{:.3g} {} by the sign of its reference's speed; that was told by its demand."
+ADDED = "To the controller's torque another one was added "
+TORQUE_ADDED = ADDED + (
+    "in '{names}', which no column of the file holds: what the controller's law, as it is in all other experiments, "
+    "does not ask for there was taken for it."
+)
+MOST_ADDED, LEAST_LEFT = 3, 0.5
+"""Experiments that a torque may be added in; and of the rows, what must be left to tell the law."""
 _ASKED: Remembered[Floats] = Remembered(12)
 KNOWN_LAWS: Remembered[tuple[PositionController, ...]] = Remembered()
 KNOWN_FED: Remembered[Floats | None] = Remembered(4)
+_KNOWN_ADDED: Remembered[tuple[Floats, tuple[str, ...]] | None] = Remembered(4)
 
 
 def is_closed(recording: Recording) -> bool:
@@ -480,13 +489,95 @@ def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: P
         return recordings
     unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
     said = FRICTION_FED.format(float(np.max(np.abs(fed))), unit)
+    return _with_feedforward(recordings, data.feedforward + fed, said)
+
+
+def with_torque_added(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:
+    """Recordings with a torque told that some experiments add to their controller's and no column holds, where there is
+    a law only then; as in `with_friction_fed`.
+
+    An excitation is often added in the drive, and a law of the loop is told in all rows or in none. In experiments
+    without it the law is as it is.
+    """
+    if not (data.repeated and data.closed) or _of_all_rows(find_controller(data, policy)):
+        return recordings
+    samples = loop_samples(data, policy)
+    names = np.concatenate([recording.experiment for recording in recordings])
+    found = _KNOWN_ADDED.answer(
+        (_mark(samples), digest_of(np.unique(names, return_inverse=True)[1])),
+        lambda: _torque_added(data, samples, names),
+    )
+    if found is None:
+        return recordings
+    added, where = found
+    if not _of_all_rows(find_controller(replace(data, feedforward=data.feedforward + added), policy)):
+        return recordings
+    said = TORQUE_ADDED.format(names="', '".join(where))
+    return _with_feedforward(recordings, data.feedforward + added, said)
+
+
+def _torque_added(
+    data: Prepared, samples: LoopSamples, names: NDArray[np.str_]
+) -> tuple[Floats, tuple[str, ...]] | None:
+    """What experiments add to the controller's torque, shape (n,), and which do; None where no few of them do."""
+    outside: list[str] = []
+    while len(outside) < MOST_ADDED:
+        name = _unlike_others(samples, names, outside)
+        if name is None:
+            return None
+        outside.append(name)
+        out = np.isin(names, outside)
+        law = identified(replace(samples, stretches=_rows_left(samples, out)))
+        if not _of_all_rows(law):
+            continue
+        added = data.torque - asked(data, law)
+        for rows in samples.stretches:
+            rest = added[rows][~out[rows]]
+            added[rows] -= float(np.median(rest)) if len(rest) else 0.0
+        return np.where(out, added, 0.0), tuple(outside)
+    return None
+
+
+def _unlike_others(samples: LoopSamples, names: NDArray[np.str_], outside: Sequence[str]) -> str | None:
+    """The experiment beside those outside without which the terms of a law explain most of the demand in the others.
+
+    None where that is hardly more than with it.
+    """
+    terms = np.column_stack([law_terms(samples, 0.5), np.ones(len(samples.demand))])
+    terms /= np.maximum(np.linalg.norm(terms, axis=0), 1e-300)
+    within = np.zeros(len(names), dtype=np.bool_)
+    for rows in samples.stretches:
+        within[rows] = True
+    within &= ~np.isin(names, outside)
+
+    def left(rows: Flags) -> float:
+        table, demand = terms[rows], samples.demand[rows]
+        gains = np.linalg.lstsq(table.T @ table, table.T @ demand, rcond=1e-12)[0]
+        return float(np.var(demand - table @ gains)) / max(float(np.var(demand)), 1e-300)
+
+    most = within.sum() - LEAST_LEFT * len(names)
+    there, counts = np.unique(names[within], return_counts=True)
+    small = there[counts <= most].tolist()
+    shares = {name: left(within & (names != name)) for name in small}
+    best = min(shares, key=lambda name: shares[name], default=None)
+    return best if best is not None and shares[best] <= 0.5 * left(within) else None
+
+
+def _rows_left(samples: LoopSamples, out: Flags) -> tuple[slice, ...]:
+    """The stretches without some rows, those of a second at least."""
+    left = []
+    for rows in samples.stretches:
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], out[rows], [True]]).astype(np.int8)))
+        pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        left += [slice(rows.start + a, rows.start + b) for a, b in pairs if (b - a) * samples.period >= 1.0]
+    return tuple(left)
+
+
+def _with_feedforward(recordings: Sequence[Recording], torque: Floats, said: str) -> list[Recording]:
+    """Recordings with a torque beside the controller's in a column of its own, and a remark on it."""
     edges = np.cumsum([len(recording) for recording in recordings])[:-1]
-    told = []
-    for recording, part in zip(recordings, np.split(data.feedforward + fed, edges), strict=True):
-        column = MappingProxyType({**recording.floats, "torque_feedforward": part})
-        with_it = replace(recording, floats=column)
-        told.append(with_it.with_metadata(remarks=(*recording.metadata.remarks, said)))
-    return told
+    parts = zip(recordings, np.split(torque, edges), strict=True)
+    return [_with_column(recording, "torque_feedforward", part, said) for recording, part in parts]
 
 
 def _of_all_rows(law: PositionController) -> bool:
