@@ -19,6 +19,7 @@ from autotune.estimation.controller import (
     identified,
     loop_samples,
     with_friction_fed,
+    with_torque_added,
 )
 from autotune.estimation.controller_law import (
     LoopSamples,
@@ -634,6 +635,51 @@ def test_friction_that_a_controller_feeds_forward_is_told_and_leaves_its_law() -
     assert found.usable
     assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.05)
     assert "feeds friction forward" in told.metadata.remarks[-1]
+
+
+def _shaken_in_one(size: float) -> tuple[Recording, np.ndarray]:
+    """Two motions, each two times; in the second a torque is added that stands in no column but the torque's."""
+    plain = recorded(TRUE, seed=4, seconds=10.0)
+    time = plain["time"]
+    added = size * (np.sin(2.0 * np.pi * 3.1 * time) + np.sin(2.0 * np.pi * 7.3 * time + 1.0))
+    parts, names, extra = [], [], []
+    for name, forced in (("motion", 0.0 * added), ("shaken", added)):
+        for chance in (5, 6):
+            noise = np.random.default_rng(chance).normal(0.0, 2e-3, len(time))
+            columns = followed(plain["reference"], noise + forced, TRUE, base_model(AXIS))
+            parts.append(columns | {"torque": columns["torque"] + forced, "reference": plain["reference"]})
+            names += [name] * len(time)
+            extra.append(forced)
+    whole = {
+        key: np.concatenate([part[key] for part in parts]) for key in ("reference", "position", "torque")
+    }
+    whole["torque"] += np.random.default_rng(7).normal(0.0, 1e-3, len(whole["torque"]))
+    whole["time"] = np.arange(len(whole["torque"])) * PERIOD
+    repeat = np.tile(np.repeat([0, 1], len(time)), 2)
+    return Recording.from_columns(whole, plain.metadata, names, repeat), np.concatenate(extra)
+
+
+def test_a_torque_that_one_experiment_adds_leaves_the_law_of_the_others() -> None:
+    """An excitation that a drive adds by itself and no column holds: no law was found in all rows, and no twin."""
+    recording, added = _shaken_in_one(0.02)
+    data = prepare([recording])
+    assert not find_controller(data).usable
+    (told,) = with_torque_added([recording], data, POLICY)
+    assert "in 'shaken', which no column of the file holds" in told.metadata.remarks[-1]
+    there = recording.experiment == "shaken"
+    assert np.all(told["torque_feedforward"][~there] == 0.0)
+    assert np.std(told["torque_feedforward"][there] - added[there]) < 0.05 * np.std(added[there])
+    found = find_controller(prepare([told]))
+    assert found.usable
+    assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.05)
+
+
+def test_a_controller_without_an_added_torque_keeps_its_recording() -> None:
+    recording, _ = _shaken_in_one(0.0)
+    assert with_torque_added([recording], prepare([recording]), POLICY)[0] is recording
+    noise = np.random.default_rng(6).normal(0.0, 0.1, len(recording))
+    other = with_torque(recording, noise)
+    assert with_torque_added([other], prepare([other]), POLICY)[0] is other
 
 
 def test_a_controller_that_feeds_none_keeps_its_recording() -> None:
