@@ -436,8 +436,8 @@ def _or_a_weight(facts: Facts, told_apart: Sequence[str]) -> Facts:
 def _or_a_ripple(facts: Facts, told_apart: Sequence[str]) -> Facts:
     """The facts with a ripple among the rivals of a weight behind a gear that needs a second wave a turn.
 
-    A weight makes one wave a turn of its load; with a lever that changes, two. A belt's or a gear's ripple has any
-    number of them, and its order is no gear's ratio more often than a weight's is.
+    A weight makes one wave a turn of its load; with a lever that changes, two. A ripple of a belt or a gear has any
+    order and any number of them.
     """
     chosen, ripple = facts.chosen, TORQUE_RIPPLE.name
     if chosen is None or GRAVITY_IMBALANCE.name not in chosen.model_fit.effects:

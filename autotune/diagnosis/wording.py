@@ -126,8 +126,8 @@ MOVED_UNTOLD = (
     "best: no controller tells when it acts, and a lag of the loop is none that these data could show."
 )
 NOT_LOOKED_FOR = (
-    "Without a twin {names} cannot be told, and {was} not looked for: the reference that the controller followed, and "
-    "all of the torque that it was given, would make one."
+    "Without a twin {names} cannot be told, and {was} not looked for; a twin needs the reference that the controller "
+    "followed, and all of the torque that the axis was given."
 )
 MOVED = (
     "The axis answers {late:.2g} ms after the torque that is recorded. A current loop or a filter between demand "

@@ -793,7 +793,7 @@ def test_a_spring_that_is_likelier_than_a_weight_over_a_part_of_a_turn_comes_fir
     weight = SimpleNamespace(effect="gravity_imbalance", model_fit=SimpleNamespace(effects=effects, left=1.0))
     straight = SimpleNamespace(effect="spring", training=SimpleNamespace(share=share))
     bent = SimpleNamespace(effect="spring", model_fit=SimpleNamespace(left=left))
-    evidence = SimpleNamespace(comes_near=lambda *_: near)
+    evidence = SimpleNamespace(comes_near=lambda *_: near, repeats=True)
     state = SimpleNamespace(
         problem=SimpleNamespace(policy=POLICY), root=None, evidence=evidence, shaped=lambda _: bent,
         tried=[weight, straight],
@@ -804,6 +804,27 @@ def test_a_spring_that_is_likelier_than_a_weight_over_a_part_of_a_turn_comes_fir
     monkeypatch.setattr(settling, "error_left", lambda _, model_fit: model_fit.left)
     assert settling.spring_as_well(state, weight).effect == first
     assert [one.effect for one in state.tried].count("gravity_imbalance") == 1
+
+
+@pytest.mark.parametrize(("better", "first"), [(True, "spring"), (False, "gravity_imbalance")])
+def test_of_one_recording_a_spring_must_predict_better_than_a_wave(
+    better: bool, first: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weight = SimpleNamespace(
+        effect="gravity_imbalance", model_fit=SimpleNamespace(effects=("gravity_imbalance",), left=1.0)
+    )
+    straight = SimpleNamespace(effect="spring", training=SimpleNamespace(share=1.0))
+    bent = SimpleNamespace(effect="spring", model_fit=SimpleNamespace(left=0.2))
+    evidence = SimpleNamespace(comes_near=lambda *_: True, repeats=False)
+    state = SimpleNamespace(
+        problem=SimpleNamespace(policy=POLICY), root=None, evidence=evidence, shaped=lambda _: bent,
+        tried=[weight, straight],
+    )  # fmt: skip
+    monkeypatch.setattr(settling, "without_own_course", lambda *_: ["gravity_imbalance"])
+    monkeypatch.setattr(settling, "rather_a_spring", lambda *_: True)
+    monkeypatch.setattr(settling, "error_left", lambda _, model_fit: model_fit.left)
+    monkeypatch.setattr(settling, "predicts_better", lambda *_: better)
+    assert settling.spring_as_well(state, weight).effect == first
 
 
 @pytest.mark.parametrize(

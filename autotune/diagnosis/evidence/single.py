@@ -72,7 +72,7 @@ class SingleRecording(Evidence):
     def candidates(self, problem: Problem) -> list[Kind]:
         """Not what aligning torque with motion hides, where no controller tells how they belong together.
 
-        Nor two masses: of nine in the worlds none was named so, and what was named so was a loop's or a memory's.
+        Nor two masses: what is named so without a twin is a loop's doing, or a memory's.
         """
         kinds = super().candidates(problem)
         return kinds if problem.twin else [kind for kind in kinds if not bends(kind)]
