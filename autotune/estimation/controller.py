@@ -86,8 +86,11 @@ TORQUE_ADDED = ADDED + (
     "in '{names}', which no column of the file holds: what the controller's law, as it is in all other experiments, "
     "does not ask for there was taken for it."
 )
-MOST_ADDED, LEAST_LEFT = 3, 0.5
-"""Experiments that a torque may be added in; and of the rows, what must be left to tell the law."""
+MOST_ADDED, LEAST_LEFT, FAR_LESS = 3, 0.5, 0.5
+"""Experiments that a torque may be added in; of the rows, what must be left to tell the law; and what a law's terms may
+leave of the demand without such an experiment, of what they leave with it."""
+ANY_FILTER = 0.5
+"""Share of a new difference in the filtered one, where only the terms of some law are wanted."""
 _ASKED: Remembered[Floats] = Remembered(12)
 KNOWN_LAWS: Remembered[tuple[PositionController, ...]] = Remembered()
 KNOWN_FED: Remembered[Floats | None] = Remembered(4)
@@ -520,9 +523,14 @@ def _torque_added(
     data: Prepared, samples: LoopSamples, names: NDArray[np.str_]
 ) -> tuple[Floats, tuple[str, ...]] | None:
     """What experiments add to the controller's torque, shape (n,), and which do; None where no few of them do."""
+    terms = np.column_stack([law_terms(samples, ANY_FILTER), np.ones(len(names))])
+    terms /= np.maximum(np.linalg.norm(terms, axis=0), 1e-300)
+    controlled = np.zeros(len(names), dtype=np.bool_)
+    for rows in samples.stretches:
+        controlled[rows] = True
     outside: list[str] = []
     while len(outside) < MOST_ADDED:
-        name = _unlike_others(samples, names, outside)
+        name = _unlike_others(terms, samples.demand, names, controlled & ~np.isin(names, outside))
         if name is None:
             return None
         outside.append(name)
@@ -538,29 +546,22 @@ def _torque_added(
     return None
 
 
-def _unlike_others(samples: LoopSamples, names: NDArray[np.str_], outside: Sequence[str]) -> str | None:
-    """The experiment beside those outside without which the terms of a law explain most of the demand in the others.
+def _unlike_others(terms: Floats, demand: Floats, names: NDArray[np.str_], within: Flags) -> str | None:
+    """The experiment without which a law's terms, shape (n, k), explain far more of the demand in the others `within`.
 
-    None where that is hardly more than with it.
+    None where there is none of which enough rows are left without it.
     """
-    terms = np.column_stack([law_terms(samples, 0.5), np.ones(len(samples.demand))])
-    terms /= np.maximum(np.linalg.norm(terms, axis=0), 1e-300)
-    within = np.zeros(len(names), dtype=np.bool_)
-    for rows in samples.stretches:
-        within[rows] = True
-    within &= ~np.isin(names, outside)
 
     def left(rows: Flags) -> float:
-        table, demand = terms[rows], samples.demand[rows]
-        gains = np.linalg.lstsq(table.T @ table, table.T @ demand, rcond=1e-12)[0]
-        return float(np.var(demand - table @ gains)) / max(float(np.var(demand)), 1e-300)
+        table, wanted = terms[rows], demand[rows]
+        gains = np.linalg.lstsq(table.T @ table, table.T @ wanted, rcond=1e-12)[0]
+        return float(np.var(wanted - table @ gains)) / max(float(np.var(wanted)), 1e-300)
 
-    most = within.sum() - LEAST_LEFT * len(names)
     there, counts = np.unique(names[within], return_counts=True)
-    small = there[counts <= most].tolist()
+    small = there[counts <= within.sum() - LEAST_LEFT * len(names)].tolist()
     shares = {name: left(within & (names != name)) for name in small}
     best = min(shares, key=lambda name: shares[name], default=None)
-    return best if best is not None and shares[best] <= 0.5 * left(within) else None
+    return best if best is not None and shares[best] <= FAR_LESS * left(within) else None
 
 
 def _rows_left(samples: LoopSamples, out: Flags) -> tuple[slice, ...]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -766,6 +767,33 @@ def test_what_an_effect_without_a_name_explains_is_left_beyond_chance_and_the_ch
     assert facts._something_left(known, problem) is left
 
 
+def _wave_found(
+    monkeypatch: pytest.MonkeyPatch,
+    effects: tuple[str, ...] = ("gravity_imbalance",),
+    *,
+    shows_course: bool = False,
+    likelier: bool = True,
+    left: float = 0.5,
+    near: bool = True,
+    share: float = 0.9,
+    repeats: bool = True,
+) -> tuple[Any, Any]:
+    """A search that has found a weight, and that weight; a spring of its own course leaves so many times as much."""
+    weight = SimpleNamespace(effect="gravity_imbalance", model_fit=SimpleNamespace(effects=effects, left=1.0))
+    straight = SimpleNamespace(effect="spring", training=SimpleNamespace(share=share))
+    bent = SimpleNamespace(effect="spring", model_fit=SimpleNamespace(left=left))
+    evidence = SimpleNamespace(comes_near=lambda *_: near, repeats=repeats)
+    state = SimpleNamespace(
+        problem=SimpleNamespace(policy=POLICY), root=None, evidence=evidence, shaped=lambda _: bent,
+        tried=[weight, straight],
+    )  # fmt: skip
+    shapeless = [] if shows_course else ["gravity_imbalance"]
+    monkeypatch.setattr(settling, "without_own_course", lambda *_: shapeless)
+    monkeypatch.setattr(settling, "rather_a_spring", lambda *_: likelier)
+    monkeypatch.setattr(settling, "error_left", lambda _, model_fit: model_fit.left)
+    return state, weight
+
+
 @pytest.mark.parametrize(
     ("effects", "shows_course", "likelier", "left", "near", "share", "first"),
     [
@@ -790,18 +818,8 @@ def test_a_spring_that_is_likelier_than_a_weight_over_a_part_of_a_turn_comes_fir
     first: str,
 ) -> None:
     """A buffer that is met on the way left a fifth of the error, and the weight that did nearly as well was named."""
-    weight = SimpleNamespace(effect="gravity_imbalance", model_fit=SimpleNamespace(effects=effects, left=1.0))
-    straight = SimpleNamespace(effect="spring", training=SimpleNamespace(share=share))
-    bent = SimpleNamespace(effect="spring", model_fit=SimpleNamespace(left=left))
-    evidence = SimpleNamespace(comes_near=lambda *_: near, repeats=True)
-    state = SimpleNamespace(
-        problem=SimpleNamespace(policy=POLICY), root=None, evidence=evidence, shaped=lambda _: bent,
-        tried=[weight, straight],
-    )  # fmt: skip
-    shapeless = [] if shows_course else ["gravity_imbalance"]
-    monkeypatch.setattr(settling, "without_own_course", lambda *_: shapeless)
-    monkeypatch.setattr(settling, "rather_a_spring", lambda *_: likelier)
-    monkeypatch.setattr(settling, "error_left", lambda _, model_fit: model_fit.left)
+    told = {"shows_course": shows_course, "likelier": likelier, "left": left, "near": near, "share": share}
+    state, weight = _wave_found(monkeypatch, effects, **told)
     assert settling.spring_as_well(state, weight).effect == first
     assert [one.effect for one in state.tried].count("gravity_imbalance") == 1
 
@@ -810,19 +828,7 @@ def test_a_spring_that_is_likelier_than_a_weight_over_a_part_of_a_turn_comes_fir
 def test_of_one_recording_a_spring_must_predict_better_than_a_wave(
     better: bool, first: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    weight = SimpleNamespace(
-        effect="gravity_imbalance", model_fit=SimpleNamespace(effects=("gravity_imbalance",), left=1.0)
-    )
-    straight = SimpleNamespace(effect="spring", training=SimpleNamespace(share=1.0))
-    bent = SimpleNamespace(effect="spring", model_fit=SimpleNamespace(left=0.2))
-    evidence = SimpleNamespace(comes_near=lambda *_: True, repeats=False)
-    state = SimpleNamespace(
-        problem=SimpleNamespace(policy=POLICY), root=None, evidence=evidence, shaped=lambda _: bent,
-        tried=[weight, straight],
-    )  # fmt: skip
-    monkeypatch.setattr(settling, "without_own_course", lambda *_: ["gravity_imbalance"])
-    monkeypatch.setattr(settling, "rather_a_spring", lambda *_: True)
-    monkeypatch.setattr(settling, "error_left", lambda _, model_fit: model_fit.left)
+    state, weight = _wave_found(monkeypatch, left=0.2, share=1.0, repeats=False)
     monkeypatch.setattr(settling, "predicts_better", lambda *_: better)
     assert settling.spring_as_well(state, weight).effect == first
 

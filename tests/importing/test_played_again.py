@@ -109,7 +109,9 @@ def test_what_does_not_come_again_stays_in_one_piece(reference: Floats) -> None:
 def test_any_order_of_motions_is_told_soundly(order: list[int], rests: list[int]) -> None:
     parts = [part for n, rest in zip(order, rests, strict=False) for part in (ONCE[n], np.zeros(rest))]
     reference = np.concatenate([np.zeros(10), *parts])
-    _sound(reference, _played(reference))
+    plays = _played(reference)
+    _sound(reference, plays)
+    assert all(len(own) > 1 for own in _experiments(plays).values())
 
 
 def _file(tmp_path: Path) -> Path:

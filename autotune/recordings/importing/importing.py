@@ -62,7 +62,7 @@ from autotune.recordings.importing.plausible import (
     refuse_wrong_sign,
     sizes_of_dynamics,
 )
-from autotune.recordings.importing.played_again import told_apart
+from autotune.recordings.importing.played_again import ALIKE, told_apart
 from autotune.recordings.importing.source import Column, Source
 from autotune.recordings.importing.speed_table import as_stretches
 from autotune.recordings.importing.stated import with_stated_period
@@ -281,7 +281,7 @@ def _same_reference(one: RegularPiece, other: RegularPiece) -> bool:
         return False
     rows = min(len(one), len(other))
     first, second = one.columns["reference"][:rows], other.columns["reference"][:rows]
-    return bool(np.max(np.abs(first - second)) <= 1e-3 * max(float(np.ptp(first)), 1e-12))
+    return bool(np.max(np.abs(first - second)) <= ALIKE * max(float(np.ptp(first)), 1e-12))
 
 
 def _name(file: _File, stretch: RegularPiece, options: Options) -> str:

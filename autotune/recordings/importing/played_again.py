@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -142,11 +142,8 @@ def played(
 
     `least`: rows that an experiment lasts at least.
     """
-    motions = [
-        replace(one, start=one.start + low, stop=one.stop + low, low=low, high=high)
-        for low, high in pieces
-        for one in motions_of(reference[low:high], max(5, round(REST / period)))
-    ]
+    rest = max(5, round(REST / period))
+    motions = [one for low, high in pieces for one in motions_of(reference, low, high, rest)]
     if not 2 <= len(motions) <= MOST_MOTIONS:
         return []
     plays: list[Play] = []
@@ -191,16 +188,17 @@ def _lag(one: Floats, other: Floats) -> int | None:
     return int(lags[best]) if apart[best] <= (NEAR * size) ** 2 else None
 
 
-def motions_of(reference: Floats, rest: int) -> list[Motion]:
-    """All motions between rests of so many rows at least."""
-    moves = np.abs(np.diff(reference)) > STILL * max(float(np.ptp(reference)), 1e-300)
-    rows = np.flatnonzero(moves)
+def motions_of(reference: Floats, low: int, high: int, rest: int) -> list[Motion]:
+    """All motions from row `low` to `high` between rests of so many rows at least."""
+    piece = reference[low:high]
+    moves = np.abs(np.diff(piece)) > STILL * max(float(np.ptp(piece)), 1e-300)
+    rows = low + np.flatnonzero(moves)
     if len(rows) == 0:
         return []
     ends = np.flatnonzero(np.diff(rows) > rest)
     firsts = rows[np.concatenate([[0], ends + 1])]
     lasts = rows[np.concatenate([ends, [len(rows) - 1]])]
-    return [Motion(int(a), int(b) + 1, 0, len(reference)) for a, b in zip(firsts, lasts, strict=True)]
+    return [Motion(int(a), int(b) + 1, low, high) for a, b in zip(firsts, lasts, strict=True)]
 
 
 def _number(plays: Sequence[Play]) -> int:
