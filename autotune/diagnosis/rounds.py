@@ -521,7 +521,30 @@ def _worth_by_its_course(state: SearchState, best: FittedCandidate) -> FittedCan
         return None
     shaped = state.shaped(best)
     if shaped is None or not shaped.named:
-        return None
+        return _both_by_their_courses(state, shaped or best)
     parts = explained_of_rest(problem, before, shaped.model_fit)
     told = all(part.share >= problem.policy.named for part in parts)
     return shaped if told and state.worth_having(shaped) else None
+
+
+def _both_by_their_courses(state: SearchState, second: FittedCandidate) -> FittedCandidate | None:
+    """A first and a second effect, where neither has a name by its own law, with the course of the first free too.
+
+    Each of two laws that differ leaves what the other does not explain, and alone neither course explains clearly
+    more.
+    """
+    chosen = state.chosen
+    if chosen is None or chosen.named or len(chosen.model_fit.effects) > 1 or chosen.effect in state.freed:
+        return None
+    state.progress(f"another law of {chosen.effect}")
+    both = with_free_shape(state.problem, state.root, state.nominal, replace(second, effect=chosen.effect))
+    if both is None:
+        return None
+    both = replace(both, effect=second.effect, gain=second.gain)
+    if not both.named and second.effect not in state.freed:
+        both = state.shaped(both) or both
+    if not state.worth_having(both):
+        state.freed.pop(second.effect, None)
+        return None
+    state.freed[chosen.effect] = False
+    return both

@@ -65,7 +65,7 @@ LOAD_DEPENDENT_FRICTION = Kind(
     name="load_dependent_friction",
     parameters=(
         Parameter("factor", "1", 0.0, 0.0, 5.0, "friction torque per torque transmitted", _AT),
-        Parameter("friction_share", "1", 0.0, -1.0, 1.0, "of the friction that is transmitted too", _AT + 1),
+        Parameter("friction_share", "1", 0.0, -1.0, 3.0, "of the friction that is transmitted too", _AT + 1),
         Parameter("exponent", "1", 1.0, 0.3, 4.0, "power of the torque transmitted", _AT + 2, True),
         Parameter(
             "typical", "N m", 1.0, 1e-9, 1e9, "torque at which the factor holds", _AT + 3, True, held=True
