@@ -239,7 +239,8 @@ class Case:
 def _unknown(facts: Facts) -> str:
     if facts.drowned:
         return DROWNED
-    text = unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
+    known = (facts.coordinate, facts.generic, facts.chosen, facts.tried)
+    text = unknown_note(facts.problem, facts.evidence, *known)
     if facts.chosen is not None or facts.overlooked is None:
         return text
     return f"{text} {nearest(facts.problem, facts.evidence, facts.root, facts.overlooked, facts.tried).capitalize()}"
@@ -294,8 +295,8 @@ def _contrary(facts: Facts) -> str:
     name = chosen.effect.replace("_", " ") if chosen is not None else ""
     return (
         f"{name.capitalize()} explains most, but it would go on beyond the bounds of its law, and of "
-        f"'{facts.unlike}' it leaves more than a tenth of what comes again: it stands for something else, and nothing "
-        "is named."
+        f"'{facts.unlike}' it leaves more than a tenth of what comes again: it has another law, or stands for "
+        f"something else, and nothing is named. Look for {name} at the machine first."
     )
 
 

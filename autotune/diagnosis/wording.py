@@ -27,6 +27,8 @@ NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
 CONFIRMED, SUSPECTED = "confirmed", "suspected"
 WORST_GAIN = -1.0
 """Shown of a candidate that is worse than nothing: how much worse an extrapolation is says nothing."""
+WORTH_TELLING = 0.25
+"""Of what is to be explained: a single effect that explains so much is told beside an "unknown"."""
 TORQUE_CONSTANT = (
     "A wrong torque constant cannot be seen in these data: all torques scale with it. An independent "
     "inertia or a known added mass would show it."
@@ -374,21 +376,35 @@ def nearest(
 
 
 def unknown_note(
-    problem: Problem, evidence: Evidence, coordinate: str, gain: float, chosen: FittedCandidate | None
+    problem: Problem,
+    evidence: Evidence,
+    coordinate: str,
+    gain: float,
+    chosen: FittedCandidate | None,
+    tried: Sequence[FittedCandidate] = (),
 ) -> str:
-    """What is known about what is unknown: where it sits, and what explains a part."""
+    """What is known about what is unknown: where it sits, and what explains a part, each of them by itself."""
     partly = chosen is not None and chosen.share >= problem.policy.partly
-    text = "Something repeatable is missing"
-    text += (
-        " that no known effect explains beyond doubt"
-        if partly
-        else " that none of the known effects explains"
+    found = chosen.model_fit.effects if chosen is not None and partly else ()
+    least = problem.policy.partly if partly else WORTH_TELLING
+    others = sorted(
+        (item for item in tried if item.effect not in found and item.share >= least),
+        key=lambda item: -item.share,
     )
+    text = "Something repeatable is missing"
+    if partly:
+        text += " that no known effect explains beyond doubt"
+    else:
+        text += " that none of the known effects explains" + " alone" * bool(others)
     if gain > problem.policy.generic_gain:
         text += f"; it is structured in {coordinate.replace('_', ' ')}"
     if chosen is not None and partly:
         names = ", ".join(chosen.model_fit.effects).replace("_", " ")
         text += f"; {names} {evidence.explains_part(chosen)} and may be part of the truth"
+    for item in others:
+        text += (
+            f"; {item.effect.replace('_', ' ')} {evidence.explains_part(item)}{' instead' if partly else ''}"
+        )
     return text + "."
 
 

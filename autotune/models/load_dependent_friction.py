@@ -1,7 +1,8 @@
 """Friction that grows with the torque transmitted: level + factor·|J·q'' + load + share·friction|.
 
 The transmitted torque presses the contacts; it is smoothed over a millisecond. `friction_share` says on
-which side of the friction the pressed contact sits: 0 at the load, 1 at the motor, which drives friction too; below 0
+which side of the friction the pressed contact sits: 0 at the load, 1 at the motor, which drives friction too; above 1
+the drive's own inertia presses nothing, and the load's and its friction weigh so much more against the whole; below 0
 friction is higher while braking than while driving.
 
 By another law it grows with a power of that torque, and from a preload on: factor·typical·((T − preload)/typical)ⁿ.

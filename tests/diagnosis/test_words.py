@@ -16,9 +16,11 @@ from autotune.diagnosis.wording import (
     next_experiment,
     separating_experiment,
     torque_path_notes,
+    unknown_note,
 )
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import ReadingWave
+from autotune.estimation.policy import POLICY
 from autotune.models.table import EFFECTS, effect_kind
 
 
@@ -137,3 +139,37 @@ def test_the_candidate_that_comes_nearest_is_told_as_it_is_listed(stopped: str, 
     text = nearest(SimpleNamespace(twin=True), evidence, nobody, best, fits)
     assert text.startswith("stribeck comes nearest, ")
     assert all(part in text for part in said)
+
+
+@pytest.mark.parametrize(
+    ("share", "tried", "said"),
+    [
+        (
+            0.48,
+            {"nonlinear_viscous": 0.41, "spring": 0.48, "stribeck": 0.02},
+            "that none of the known effects explains alone; spring explains 48 % of it; nonlinear viscous explains "
+            "41 % of it.",
+        ),
+        (0.2, {"spring": 0.2}, "that none of the known effects explains."),
+        (
+            0.95,
+            {"spring": 0.95, "load_dependent_friction": 0.8, "stribeck": 0.3},
+            "that no known effect explains beyond doubt; spring explains 95 % of it and may be part of the truth; "
+            "load dependent friction explains 80 % of it instead.",
+        ),
+    ],
+    ids=["two halves", "nothing", "a rival"],
+)
+def test_what_is_unknown_is_told_with_all_that_come_near(
+    share: float, tried: dict[str, float], said: str
+) -> None:
+    """Two true effects of 41 and 48 % were "none of the known effects"; of two rivals only the wrong one was told."""
+
+    def item(effect: str, share: float) -> Any:
+        return SimpleNamespace(effect=effect, share=share, model_fit=SimpleNamespace(effects=(effect,)))
+
+    evidence: Any = SimpleNamespace(explains_part=lambda one: f"explains {100 * one.share:.0f} % of it")
+    problem: Any = SimpleNamespace(policy=POLICY)
+    others = [item(*one) for one in tried.items()]
+    text = unknown_note(problem, evidence, "velocity", 0.0, item("spring", share), others)
+    assert text == f"Something repeatable is missing {said}"
