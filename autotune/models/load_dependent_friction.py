@@ -1,8 +1,7 @@
 """Friction that grows with the torque transmitted: level + factor·|J·q'' + load + share·friction|.
 
 The transmitted torque presses the contacts; it is smoothed over a millisecond. `friction_share` says on
-which side of the friction the pressed contact sits: 0 at the load, 1 at the motor, which drives friction too; above 1
-the drive's own inertia presses nothing, and the load's and its friction weigh so much more against the whole; below 0
+which side of the friction the pressed contact sits: 0 at the load, 1 at the motor, which drives friction too; below 0
 friction is higher while braking than while driving.
 
 By another law it grows with a power of that torque, and from a preload on: factor·typical·((T − preload)/typical)ⁿ.
@@ -66,7 +65,7 @@ LOAD_DEPENDENT_FRICTION = Kind(
     name="load_dependent_friction",
     parameters=(
         Parameter("factor", "1", 0.0, 0.0, 5.0, "friction torque per torque transmitted", _AT),
-        Parameter("friction_share", "1", 0.0, -1.0, 3.0, "of the friction that is transmitted too", _AT + 1),
+        Parameter("friction_share", "1", 0.0, -1.0, 1.0, "of the friction that is transmitted too", _AT + 1),
         Parameter("exponent", "1", 1.0, 0.3, 4.0, "power of the torque transmitted", _AT + 2, True),
         Parameter(
             "typical", "N m", 1.0, 1e-9, 1e9, "torque at which the factor holds", _AT + 3, True, held=True
