@@ -381,30 +381,26 @@ def unknown_note(
     coordinate: str,
     gain: float,
     chosen: FittedCandidate | None,
-    tried: Sequence[FittedCandidate] = (),
+    tried: Sequence[FittedCandidate],
 ) -> str:
     """What is known about what is unknown: where it sits, and what explains a part, each of them by itself."""
-    partly = chosen is not None and chosen.share >= problem.policy.partly
-    found = chosen.model_fit.effects if chosen is not None and partly else ()
-    least = problem.policy.partly if partly else WORTH_TELLING
-    others = sorted(
-        (item for item in tried if item.effect not in found and item.share >= least),
-        key=lambda item: -item.share,
-    )
+    policy = problem.policy
+    part = chosen if chosen is not None and chosen.share >= policy.partly else None
+    found, least = (part.model_fit.effects, policy.partly) if part is not None else ((), WORTH_TELLING)
+    near = [item for item in tried if item.effect not in found and item.share >= least]
     text = "Something repeatable is missing"
-    if partly:
+    if part is not None:
         text += " that no known effect explains beyond doubt"
     else:
-        text += " that none of the known effects explains" + " alone" * bool(others)
-    if gain > problem.policy.generic_gain:
+        text += " that none of the known effects explains" + " alone" * bool(near)
+    if gain > policy.generic_gain:
         text += f"; it is structured in {coordinate.replace('_', ' ')}"
-    if chosen is not None and partly:
-        names = ", ".join(chosen.model_fit.effects).replace("_", " ")
-        text += f"; {names} {evidence.explains_part(chosen)} and may be part of the truth"
-    for item in others:
-        text += (
-            f"; {item.effect.replace('_', ' ')} {evidence.explains_part(item)}{' instead' if partly else ''}"
-        )
+    if part is not None:
+        names = ", ".join(found).replace("_", " ")
+        text += f"; {names} {evidence.explains_part(part)} and may be part of the truth"
+    for item in sorted(near, key=lambda item: -item.share):
+        text += f"; {item.effect.replace('_', ' ')} {evidence.explains_part(item)}"
+        text += " instead" * (part is not None)
     return text + "."
 
 
