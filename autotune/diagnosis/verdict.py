@@ -48,13 +48,13 @@ from autotune.diagnosis.wording import (
     Candidate,
     breathing_note,
     candidate_rows,
-    likely_rivals,
     line_note,
     nearest,
     next_experiment,
     not_looked_for,
     nothing_note,
     relaxed_note,
+    sets_of_rivals,
     stranger_note,
     torque_path_notes,
     unknown_note,
@@ -430,15 +430,13 @@ def _as_chosen(found: Found) -> list[FittedCandidate]:
 def _confusable(
     facts: Facts, verdict: str, effects: tuple[str, ...], confidence: str | None, found: Found
 ) -> tuple[tuple[str, ...], ...]:
-    """Effects that these data cannot tell from those that are named."""
+    """Effects that these data cannot tell from those that are named: a set for each of these, itself first."""
     if verdict == AMBIGUOUS:
         rivals = tuple(dict.fromkeys([*facts.rivals, *facts.contested]))
         return ((*_contested(effects, rivals, found.exchanged), *rivals),)
     if confidence != SUSPECTED:
         return ()
-    near = [rival for item in facts.carried for rival in item.rivals]
-    near += likely_rivals(facts.problem.policy, effects, found.first)
-    return (tuple(dict.fromkeys([*effects, *near])),) if near else ()
+    return sets_of_rivals(facts.problem.policy, effects, found.first, facts.carried)
 
 
 def _contested(

@@ -10,7 +10,7 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
-from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.evidence.torque_path import CYCLES
 from autotune.diagnosis.refits import needed_share
@@ -102,6 +102,10 @@ CURRENT_LOOP_LATE = (
     "The torque follows its demand {late:.2g} ± {error:.1g} ms late, as a current loop of {hertz:.0f} Hz does: any "
     "drive has one, and it is no effect of the axis. It is taken out."
 )
+CURRENT_LOOP_AT_LEAST = (
+    "The torque follows its demand {late:.2g} ms late or more: so much is taken out, as the slowest ordinary current "
+    "loop ({hertz:.0f} Hz) makes it, and no more. Whether yours is as slow its settings tell."
+)
 READS_IN_WAVES = (
     "The encoder tells up to {size:.2g} {unit} too much or too little over each {period:.4g} {unit}, as one does that "
     "interpolates the sine and cosine of its lines. It is no effect of the axis, and taken out of the motion; its "
@@ -156,6 +160,10 @@ OTHER_STATE = (
     "the machine and record the same again: the load taken off, another payload, cold and warm. What changes with it "
     "tells where it comes from; the page of autotune model compare --html shows where and when it is there"
 )
+OTHER_TRAJECTORY = (
+    "These data hold {kinds} kinds of motion, each repeated. Another trajectory confirms or refutes the name: other "
+    "strokes, speeds and places than these have; {how}"
+)
 ALL_KINDS = 5
 """Kinds of motion among which every effect shows itself; as many as where nothing is known of what is missing."""
 MOST_NAMES = 4
@@ -200,7 +208,8 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
         notes.append(MOVED_UNTOLD.format(late=1e3 * abs(data.late) * data.period, when=when))
     if data.lag > 2.0 * data.lag_error:
         late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * data.lag)
-        notes.append(CURRENT_LOOP_LATE.format(late=late, error=error, hertz=hertz))
+        told = CURRENT_LOOP_AT_LEAST if data.lag >= CURRENT_LOOP else CURRENT_LOOP_LATE
+        notes.append(told.format(late=late, error=error, hertz=hertz))
     if data.cycles >= max(CYCLES) and data.lag >= CURRENT_LOOP:
         notes.append(AT_ITS_END)
     if data.reading is not None:
@@ -448,13 +457,31 @@ def breathing_note(line: TimeLine) -> str:
     )
 
 
-def likely_rivals(policy: Policy, effects: Sequence[str], first: Sequence[ScreenedCandidate]) -> list[str]:
-    """Effects that usually look like the named ones and gain nearly as much here, the likeliest first."""
+def sets_of_rivals(
+    policy: Policy,
+    effects: Sequence[str],
+    first: Sequence[ScreenedCandidate],
+    carried: Sequence[HoldoutResult] = (),
+) -> tuple[tuple[str, ...], ...]:
+    """For each of the effects that has any, itself and what these data may not tell from it.
+
+    That is what did nearly as well in its place elsewhere, and what usually looks like it and gains nearly as much
+    here as the best of them, the likeliest first.
+    """
     gains = {item.effect: item.gain for item in first}
-    least = policy.rival_gain * max((gains.get(effect, 0.0) for effect in effects), default=0.0)
-    usual = dict.fromkeys(rival for effect in effects for rival in usual_rivals(effect))
-    near = [r for r in usual if r not in effects and gains.get(r, 0.0) >= max(least, policy.least_gain)]
-    return sorted(near, key=lambda rival: -gains[rival])
+    least = max(
+        policy.least_gain,
+        policy.rival_gain * max((gains.get(effect, 0.0) for effect in effects), default=0.0),
+    )
+    sets = []
+    for effect in effects:
+        elsewhere = [rival for item in carried if item.effect == effect for rival in item.rivals]
+        usual = [
+            rival for rival in usual_rivals(effect) if rival not in effects and gains.get(rival, 0.0) >= least
+        ]
+        usual.sort(key=lambda rival: -gains[rival])
+        sets.append(tuple(dict.fromkeys([effect, *elsewhere, *usual])))
+    return tuple(rivals for rivals in sets if len(rivals) > 1)
 
 
 def next_experiment(
@@ -474,6 +501,8 @@ def next_experiment(
     if verdict == "ambiguous":
         return separating_experiment(confusable[0], own_axis)
     if verdict == "named" and confidence == "suspected":
+        if not confusable and kinds >= ALL_KINDS:
+            return OTHER_TRAJECTORY.format(kinds=kinds, how=_how(own_axis))
         near = confusable[0] if confusable else effects
         return separating_experiment(near, own_axis) + ". A second trajectory confirms or refutes the name."
     if verdict == "unknown" and kinds >= ALL_KINDS:
@@ -497,5 +526,8 @@ def separating_experiment(rivals: Sequence[str], own_axis: bool) -> str:
     names = [rival.replace("_", " ") for rival in rivals[:MOST_NAMES]]
     aim = f"To tell {' from '.join(names)}" if len(names) == 2 else f"To tell {', '.join(names)} apart"
     aim = aim if len(names) > 1 else "To learn more"
-    how = f"record it: {PROGRAMME}" if own_axis else OWN_RECORDER
-    return f"{aim}, move the axis so: {words}; {how}"
+    return f"{aim}, move the axis so: {words}; {_how(own_axis)}"
+
+
+def _how(own_axis: bool) -> str:
+    return f"record it: {PROGRAMME}" if own_axis else OWN_RECORDER

@@ -70,8 +70,8 @@ def rivals_of(diagnosis: Mapping[str, Any]) -> tuple[str, ...] | None:
     named = _effects(diagnosis.get("effects") or [])
     if verdict == "unknown":
         return _near_best(diagnosis.get("candidates") or [])
-    doubted = [_effects(rivals) for rivals in diagnosis.get("confusable") or []]
-    return tuple(dict.fromkeys([*named, *(doubted[0] if doubted else ())]))
+    doubted = [name for rivals in diagnosis.get("confusable") or [] for name in _effects(rivals)]
+    return tuple(dict.fromkeys([*named, *doubted]))
 
 
 def _near_best(candidates: list[Mapping[str, Any]]) -> tuple[str, ...]:

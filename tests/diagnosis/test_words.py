@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,6 +16,7 @@ from autotune.diagnosis.wording import (
     nearest,
     next_experiment,
     separating_experiment,
+    sets_of_rivals,
     torque_path_notes,
     unknown_note,
 )
@@ -46,6 +48,38 @@ def test_who_gave_every_kind_of_motion_is_not_asked_for_them_again() -> None:
     assert PROGRAMME not in all_of_them
     assert "7 kinds of motion" in all_of_them
     assert "another payload" in all_of_them
+
+
+def test_a_name_that_nothing_resembles_asks_for_another_trajectory_and_no_motion_twice() -> None:
+    few, all_of_them = (
+        next_experiment("named", ("gravity_imbalance",), (), "suspected", None, False, kinds)
+        for kinds in (2, 5)
+    )
+    assert few is not None
+    assert "move the axis so" in few
+    assert all_of_them is not None
+    assert "5 kinds of motion" in all_of_them
+    assert "Another trajectory confirms or refutes" in all_of_them
+    assert "move the axis so" not in all_of_them
+
+
+def test_each_effect_has_rivals_of_its_own() -> None:
+    """A spring and friction that falls with speed: what resembles the one does not stand beside the other."""
+    gains = {
+        "spring": 0.9,
+        "stribeck": 0.5,
+        "dwell_time_break_away": 0.4,
+        "gravity_imbalance": 0.8,
+        "torque_lag": 0.7,
+    }
+    first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]
+    policy = replace(POLICY, rival_gain=0.3)
+    sets = sets_of_rivals(policy, ("spring", "stribeck"), first)
+    assert sets == (("spring", "gravity_imbalance"), ("stribeck", "dwell_time_break_away"))
+    elsewhere = [SimpleNamespace(effect="stribeck", rivals=("nonlinear_viscous",))]
+    (one,) = sets_of_rivals(policy, ("stribeck",), first[:2], elsewhere)
+    assert one == ("stribeck", "nonlinear_viscous")
+    assert sets_of_rivals(policy, ("stribeck",), first[:2]) == ()
 
 
 def test_nobody_is_asked_to_tell_ten_effects_apart() -> None:
@@ -107,6 +141,15 @@ def test_how_late_the_torque_acts_is_said_as_far_as_it_is_told(
     notes = torque_path_notes(data, PositionController(ticks=ticks))
     assert len(notes) == bool(said)
     assert all(said in note and "taken out" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("lag", "said"), [(2e-4, "as a current loop of 796 Hz does"), (4.5e-4, "0.45 ms late or more")]
+)
+def test_a_current_loop_at_the_slowest_that_is_ordinary_is_told_as_a_bound(lag: float, said: str) -> None:
+    path = {"cycles": 0, "late": 0.0, "upsampling": 1, "period": 1e-3, "lag": lag}
+    (note,) = torque_path_notes(SimpleNamespace(**path, lag_error=2e-5, reading=None))
+    assert said in note
 
 
 @pytest.mark.parametrize(("cycles", "lag", "asks"), [(3, 4.5e-4, True), (3, 2e-4, False), (2, 4.5e-4, False)])
