@@ -58,6 +58,7 @@ from autotune.models.reversal_memory import REVERSAL_MEMORY, contact, stands_alo
 from autotune.models.spring import SPRING as PULL
 from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
+from autotune.signals.missing_codes import Gap
 
 OUTDONE = 1.5
 """Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
@@ -129,6 +130,11 @@ class Facts:
     bare: ModelFit | None = None
     delayed: bool = False
     each_told: bool = False
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Where the encoder leaves codes out: what the controller answers to then comes again, and is no effect."""
+        return self.problem.data.gaps
 
     @property
     def loud(self) -> bool:

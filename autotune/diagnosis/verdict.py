@@ -49,6 +49,7 @@ from autotune.diagnosis.wording import (
     breathing_note,
     candidate_rows,
     line_note,
+    missing_codes_note,
     nearest,
     next_experiment,
     not_looked_for,
@@ -357,6 +358,7 @@ CASES: tuple[Case, ...] = (
         UNKNOWN,
         lambda f: "",
     ),
+    Case("the encoder leaves codes out", lambda f: bool(f.gaps), UNKNOWN, lambda f: ""),
     Case("only the law of presliding differs", lambda f: f.own_law, NONE, _presliding_rest),
     Case("an effect explains too little", lambda f: f.chosen is not None and f.left, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
@@ -381,7 +383,8 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
     path = torque_path_notes(facts.problem.data, facts.problem.controller)
-    said = [*path, *lines, case.sentence(facts)]
+    codes = missing_codes_note(facts.problem.data)
+    said = [*path, *lines, codes, case.sentence(facts)]
     said += (
         [_unlike(facts)] * bool(effects)
         + [ALL_CONTACT] * (bool(effects) and facts.all_contact)

@@ -457,6 +457,23 @@ def breathing_note(line: TimeLine) -> str:
     )
 
 
+def missing_codes_note(data: Prepared) -> str:
+    """Where an encoder leaves codes out, and what may be at fault; nothing where it does not."""
+    if not data.gaps:
+        return ""
+    most = max(data.gaps, key=lambda gap: gap.passes)
+    codes = round(most.width / data.resolution) - 1
+    place = f"{most.place:.6g} {data.metadata.motion_unit}"
+    others = len(data.gaps) - 1
+    more = f", and some at {others} other place{'s' * (others > 1)}" * (others > 0)
+    return (
+        f"The encoder never tells {codes} codes beside each other at {place}{more}: "
+        f"all {most.passes} slow passes, forwards and backwards, jump over them, and the controller answers each as a "
+        "push. No effect of the axis does that: look for a scratch or dirt on the scale, a bit that sticks, or an "
+        "interpolation that is off."
+    )
+
+
 def sets_of_rivals(
     policy: Policy,
     effects: Sequence[str],

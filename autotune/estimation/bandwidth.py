@@ -471,6 +471,6 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
         )
     factor = needed(cutoff, recordings[0].period)
     fine = [upsampled(recording, factor) for recording in recordings]
-    data = without_rest(prepare(fine, cutoff, 2.5 * cutoff, pace=pace))
-    data = replace(data, upsampling=factor, coarse=coarse)
+    gaps, data = data.gaps, without_rest(prepare(fine, cutoff, 2.5 * cutoff, pace=pace))
+    data = replace(data, upsampling=factor, coarse=coarse, gaps=gaps)
     return aligned(data) if pace == 1.0 else data

@@ -23,6 +23,7 @@ from autotune.recordings.checks import check_recording, torque_of
 from autotune.recordings.recording import Metadata, Recording, Segment, refuse_mixture
 from autotune.signals.filters import motion
 from autotune.signals.late_rows import in_time
+from autotune.signals.missing_codes import Gap, missing_codes
 from autotune.signals.periodic import Periodic, periodic
 
 MOTION_CUTOFF = 150.0  # Hz, of position, velocity and acceleration
@@ -159,6 +160,7 @@ class Prepared:
             rigid axis, the measured one and the twin's (`residual`).
         asked: what the controller asks for along `measured`, where that is compared and not the torque as recorded,
             from each sample to the next, shape (n,); the twin's torque is then what it asks for along the twin's.
+        gaps: where the encoder leaves codes out, as the file has them.
     """
 
     metadata: Metadata
@@ -198,6 +200,7 @@ class Prepared:
     certainty: Floats | None = None
     load_in_twin: bool = False
     asked: Floats | None = None
+    gaps: tuple[Gap, ...] = ()
 
     @property
     def cutoff(self) -> float:
@@ -274,7 +277,9 @@ def prepare(
     period, arrays = recordings[0].period, _joined_columns(recordings)
     parts = _gathered(recordings, steady, pace)
     resolution = known_resolution(recordings[0].metadata, arrays["position"])
-    arrays["position"] = in_time(arrays["position"], [s.rows for s in parts.stretches], resolution)
+    rows = [one.rows for one in parts.stretches]
+    gaps = missing_codes(arrays["position"], rows, resolution)
+    arrays["position"] = in_time(arrays["position"], rows, resolution)
     moved = filtered_motion(arrays["position"], parts.stretches, period, motion_cutoff)
     taps = low_pass_taps(cutoff, period)
     reach = max(1, round(STANDSTILL_SECONDS * pace / period))
@@ -309,6 +314,7 @@ def prepare(
         periodic=tuple(parts.alike),
         sensed=_sensed(recordings),
         pace=pace,
+        gaps=gaps,
     )
 
 

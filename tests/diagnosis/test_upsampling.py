@@ -94,3 +94,16 @@ def test_slow_sampling_alone_is_no_missing_effect() -> None:
     assert model["inertia"] == pytest.approx(3e-4, rel=0.05)
     found = diagnose([recording], model)
     assert (found.verdict, found.effects) == ("none", ())
+
+
+def test_codes_that_the_encoder_leaves_out_are_those_of_the_file() -> None:
+    """Between the rows of the file the finer raster has readings that nobody read."""
+    whole, count = _coarse(10), 5e-3
+    read = np.where((whole["position"] > 0.0) & (whole["position"] < 0.2), 0.2, whole["position"])
+    counted = {name: whole[name] for name in whole.floats} | {"position": np.rint(read / count) * count}
+    metadata = replace(whole.metadata, position_resolution=count)
+    data = prepared_for([Recording.from_columns(counted, metadata, "coarse")])
+    assert data.upsampling > 1
+    (gap,) = data.gaps
+    assert gap.place == pytest.approx(0.0, abs=count)
+    assert gap.width == pytest.approx(0.2, abs=2 * count)

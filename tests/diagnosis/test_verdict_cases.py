@@ -31,6 +31,7 @@ from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
 from autotune.models.reversal_memory import REMEMBERS, REVERSAL_MEMORY
 from autotune.models.start_values import Vary
 from autotune.models.table import EFFECTS
+from autotune.signals.missing_codes import Gap
 from tests.support.axes import NOMINAL
 
 NOTHING = {
@@ -54,9 +55,11 @@ NOTHING = {
     "proportion": None,
     "relaxed": None,
     "loud": False,
+    "gaps": (),
 }
 SPRUNG = "elastic_transmission"
 CRANK = OtherProportion("encoder_eccentricity", 0.46, 0.02)
+GAP = Gap(0.5, 1.2e-3, 40)
 FOUND = {"chosen": object(), "accepted": True}
 
 
@@ -117,6 +120,9 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         ({"line": TimeLine(15.6, 0.3)}, "none"),
         ({"line": TimeLine(15.6, 0.3, steady=False)}, "unknown"),
         (FOUND | {"line": TimeLine(15.6, 0.3, steady=False)}, "named"),
+        ({"gaps": (GAP,)}, "unknown"),
+        ({"gaps": (GAP,), "own_law": True}, "unknown"),
+        (FOUND | {"gaps": (GAP,)}, "named"),
     ],
 )
 def test_facts_lead_to_a_verdict(facts: dict[str, object], verdict: str) -> None:
@@ -144,6 +150,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(left=True),
         _row(loud=True),
         _row(line=TimeLine(15.6, 0.3, steady=False)),
+        _row(gaps=(GAP,)),
     }
     assert {name for _, name in reached} == {case.name for case in CASES}
     assert len({case.name for case in CASES}) == len(CASES)

@@ -13,6 +13,7 @@ from autotune.core.errors import ConfigurationError, a_few
 from autotune.diagnosis.wording import (
     MOST_NAMES,
     PROGRAMME,
+    missing_codes_note,
     nearest,
     next_experiment,
     separating_experiment,
@@ -24,6 +25,7 @@ from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import ReadingWave
 from autotune.estimation.policy import POLICY
 from autotune.models.table import EFFECTS, effect_kind
+from autotune.signals.missing_codes import Gap
 
 
 def test_who_has_a_file_only_is_not_sent_to_an_axis_file() -> None:
@@ -150,6 +152,15 @@ def test_a_current_loop_at_the_slowest_that_is_ordinary_is_told_as_a_bound(lag: 
     path = {"cycles": 0, "late": 0.0, "upsampling": 1, "period": 1e-3, "lag": lag}
     (note,) = torque_path_notes(SimpleNamespace(**path, lag_error=2e-5, reading=None))
     assert said in note
+
+
+def test_codes_that_are_left_out_are_told_with_their_place() -> None:
+    gaps = (Gap(0.25, 6e-3, 12), Gap(1.5, 8e-3, 40))
+    data = SimpleNamespace(gaps=gaps, resolution=1e-3, metadata=SimpleNamespace(motion_unit="rad"))
+    text = missing_codes_note(data)
+    assert "never tells 7 codes beside each other at 1.5 rad, and some at 1 other place:" in text
+    assert "all 40 slow passes" in text
+    assert missing_codes_note(SimpleNamespace(gaps=())) == ""
 
 
 @pytest.mark.parametrize(("cycles", "lag", "asks"), [(3, 4.5e-4, True), (3, 2e-4, False), (2, 4.5e-4, False)])
