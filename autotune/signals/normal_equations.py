@@ -111,9 +111,11 @@ class Part:
 
 def whitener(error: Floats, order: int = WHITENING_ORDER) -> Floats:
     """Prediction-error filter (1, a1, …) of a residual by the Yule–Walker equations, shape (order + 1,)."""
+    count = len(error)
+    if count < 20 * order:
+        return np.ones(1)
     centred = error - error.mean()
-    count = len(centred)
-    if count < 20 * order or not np.any(centred):
+    if not np.any(centred):
         return np.ones(1)
     lags = [float(np.dot(centred[: count - lag], centred[lag:])) / count for lag in range(order + 1)]
     correlation = np.array(lags)

@@ -143,6 +143,12 @@ def test_the_whitener_whitens() -> None:
     assert abs(lag) < 0.03
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("rows", [0, 5, 400])
+def test_a_residual_of_too_few_rows_or_of_nothing_is_left_as_it_is(rows: int) -> None:
+    np.testing.assert_array_equal(whitener(np.zeros(rows)), [1.0])
+
+
 def test_joint_refinement_is_close_and_its_intervals_are_honest(identified) -> None:
     plant, result = identified
     joint = result.joint
