@@ -29,6 +29,7 @@ from autotune.models.layout import (
     STRIBECK_VELOCITY,
     VISCOUS,
 )
+from autotune.models.load_dependent_friction import IS_PRESSED, STIFFENS, stiffening_level
 from autotune.models.lugre import (
     NEVER,
     bends,
@@ -80,11 +81,21 @@ def friction_limit(p: Floats, on: Flags, state: Floats, position: float, velocit
     if on[REMEMBERS] and anywhere(p[ATTRACTION] > 0.0):
         level = where(p[ATTRACTION] > 0.0, p[COULOMB] * more_to_carry(p, level), level)
     level = _level_factor(level, p, on, state, position)
-    limit = max(max(level, LEAST_SHARE * p[COULOMB]) / p[STIFFNESS], LEAST_DEFLECTION)
+    stiffness = p[STIFFNESS] * stiffened(p, on, state, velocity)
+    limit = max(max(level, LEAST_SHARE * p[COULOMB]) / stiffness, LEAST_DEFLECTION)
     if anywhere(p[CREEP_VELOCITY] > 0.0):
         speed = where(p[CREEP_VELOCITY] > 0.0, p[CREEP_VELOCITY], NEVER)
         limit *= where(p[CREEP_VELOCITY] > 0.0, crept(velocity, speed, p[CREEP_TAIL]), 1.0)
     return float(limit)
+
+
+@compiled
+def stiffened(p: Floats, on: Flags, state: Floats, velocity: float) -> float:
+    """How many times as stiff as at rest the contact is now, where what presses it makes it stiffer."""
+    if not on[IS_PRESSED] or not anywhere(p[STIFFENS] > 0.0):
+        return 1.0 + 0.0 * velocity
+    more = stiffening_level(p, state, velocity)
+    return float(1.0 + more / max(raised_level(p, on, state, velocity) - more, LEAST_SHARE * p[COULOMB]))
 
 
 @compiled

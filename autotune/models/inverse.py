@@ -17,6 +17,7 @@ from autotune.models.contact import (
     bristle_damping,
     friction_limit,
     remembered_in_motion,
+    stiffened,
     viscous_coefficient,
 )
 from autotune.models.encoder_eccentricity import IS_ECCENTRIC, true_motion
@@ -132,6 +133,7 @@ def required(
         bend(p, on, state, BRISTLE, q, mean, period)
         rate = bending(p, state[BRISTLE], v, friction_limit(p, on, state, q, v))
         friction = p[STIFFNESS] * state[BRISTLE] + bristle_damping(p, v) * rate
+        friction *= stiffened(p, on, state, v)
         friction += viscous_coefficient(p, on, state, v) * v
         friction *= 1.0 - rub
         friction += remembered_in_motion(p, on, state, q, period * mean, v, period)

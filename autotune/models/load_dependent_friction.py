@@ -5,6 +5,9 @@ which side of the friction the pressed contact sits: 0 at the load, 1 at the mot
 friction is higher while braking than while driving.
 
 By another law it grows with a power of that torque, and from a preload on: factor·typical·((T − preload)/typical)ⁿ.
+And what is pressed may be stiffer too (`stiffens`): the area of real contact carries both friction and stiffness, each
+in proportion to what presses it (Bowden and Tabor 1950; Mindlin 1949), so that its reach stays. A bristle of LuGre has
+one stiffness, and its reach grows with its level. Both slide alike; they differ after reversals under load.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from autotune.models.start_values import StartContext, StartValues, Vary, at_fir
 _AT = block("load_dependent_friction")
 PRESSED = state_block("load_dependent_friction")
 IS_PRESSED = flag("load_dependent_friction")
+STIFFENS = _AT + 5
 SMOOTHING = 1e-3  # s
 
 
@@ -32,6 +36,12 @@ def load_level(p: Floats, state: Floats, velocity: float) -> float:
     if anywhere(p[_AT + 2] != 1.0):
         over = where(p[_AT + 2] != 1.0, p[_AT + 3] * (over / p[_AT + 3]) ** p[_AT + 2], over)
     return float(p[_AT] * over)
+
+
+@compiled
+def stiffening_level(p: Floats, state: Floats, velocity: float) -> float:
+    """The part of that with which the contact becomes stiffer too [N m]."""
+    return float(p[STIFFENS] * load_level(p, state, velocity))
 
 
 @compiled
@@ -48,6 +58,11 @@ def starts(c: StartContext) -> Iterator[StartValues]:
             {"factor": at_first(0.03, c.left / c.torque), "friction_share": share},
             {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4)},
         )
+
+
+def plain_shape(_: StartContext) -> StartValues:
+    """A contact that is stiffer in proportion."""
+    return StartValues({"stiffens": 1.0}, {})
 
 
 def free_shape(c: StartContext) -> StartValues:
@@ -71,6 +86,17 @@ LOAD_DEPENDENT_FRICTION = Kind(
             "typical", "N m", 1.0, 1e-9, 1e9, "torque at which the factor holds", _AT + 3, True, held=True
         ),
         Parameter("preload", "N m", 0.0, 0.0, 1e9, "torque from which on it grows", _AT + 4, True),
+        Parameter(
+            "stiffens",
+            "1",
+            0.0,
+            0.0,
+            1.0,
+            "part of its growth by which the contact is stiffer too; 1: its reach stays",
+            STIFFENS,
+            True,
+            held=True,
+        ),
     ),
     looks_like="Friction is higher while the axis accelerates, brakes or carries a load.",
     cause="Worm and screw drives, gears and nuts whose flanks are pressed by what they transmit.",
@@ -80,6 +106,7 @@ LOAD_DEPENDENT_FRICTION = Kind(
     kernels=Kernels(level=load_level),
     starts=starts,
     size="factor",
+    plain_shape=plain_shape,
     free_shape=free_shape,
     quick=True,
 )

@@ -21,6 +21,7 @@ from autotune.models.contact import (
     damping_slope,
     remembered,
     remembered_damping,
+    stiffened,
     viscous_coefficient,
 )
 from autotune.models.encoder_eccentricity import IS_ECCENTRIC, reading_error
@@ -66,8 +67,9 @@ def rubbing(
     limit = bend(p, on, state, at, position, velocity, step)
     bristle = state[at]
     viscous = viscous_coefficient(p, on, state, velocity)
-    damping = bristle_damping(p, velocity)
-    torque = p[STIFFNESS] * bristle + damping * bending(p, bristle, velocity, limit) + viscous * velocity
+    stiffer = stiffened(p, on, state, velocity)
+    stiffness, damping = stiffer * p[STIFFNESS], stiffer * bristle_damping(p, velocity)
+    torque = stiffness * bristle + damping * bending(p, bristle, velocity, limit) + viscous * velocity
     return share * torque, share * (max(viscous, 0.0) + damping_slope(p, damping, bristle, velocity, limit))
 
 
