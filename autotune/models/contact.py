@@ -29,7 +29,6 @@ from autotune.models.layout import (
     STRIBECK_VELOCITY,
     VISCOUS,
 )
-from autotune.models.load_dependent_friction import IS_PRESSED, STIFFENS, stiffening_level
 from autotune.models.lugre import (
     NEVER,
     bends,
@@ -52,6 +51,7 @@ from autotune.models.stribeck import EXPONENT, FALLS, TAIL
 
 _torque = all_added("torque")
 _level, _level_factor = all_added("level"), all_multiplied("level_factor")
+_stiffening = all_added("stiffening")
 _viscous, _viscous_factor = all_added("viscous"), all_multiplied("viscous_factor")
 LEAST_DEFLECTION = 1e-15
 LEAST_SHARE = 0.02  # of the Coulomb level, where effects together would take it to zero
@@ -91,10 +91,10 @@ def friction_limit(p: Floats, on: Flags, state: Floats, position: float, velocit
 
 @compiled
 def stiffened(p: Floats, on: Flags, state: Floats, velocity: float) -> float:
-    """How many times as stiff as at rest the contact is now, where what presses it makes it stiffer."""
-    if not on[IS_PRESSED] or not anywhere(p[STIFFENS] > 0.0):
+    """How many times as stiff as its bristle the contact is now, where what adds to its friction makes it stiffer."""
+    more = _stiffening(0.0 * velocity, p, on, state, velocity)
+    if not anywhere(more != 0.0):
         return 1.0 + 0.0 * velocity
-    more = stiffening_level(p, state, velocity)
     return float(1.0 + more / max(raised_level(p, on, state, velocity) - more, LEAST_SHARE * p[COULOMB]))
 
 

@@ -5,7 +5,8 @@ The contact ages: a' = (1 − a)/time_constant − a·|slip'|/slip, and the fric
 e^(−(slip'/rest)²): a slow motion finds it as young as a fast one. Where any motion rubs, as in laws that know a
 velocity and no bristle, the way that bends the bristle counts as slip too (`bending`). Contacts that age slower and
 faster beside it, `rise_2` and `rise_3` with time constants of their own, make a rise that never ends: a logarithm or a
-root of the rest.
+root of the rest. The area of real contact, which grows with the rest, carries stiffness as well as friction (Baumberger
+and Caroli 2006): with `stiffens` 1 its reach stays, where a bristle of LuGre goes further.
 """
 
 from __future__ import annotations
@@ -15,15 +16,16 @@ from collections.abc import Iterator
 
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.effect import Kernels, Kind, Parameter, part_that_stiffens
 from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block, flag, state_block
 from autotune.models.look_alikes import AT_STARTS, IN_TIME
-from autotune.models.start_values import StartContext, StartValues, Vary, at_first
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first, stiffer
 
 _AT = block("dwell_time_break_away")
 AGE = state_block("dwell_time_break_away")
 AGES = flag("dwell_time_break_away")
+_STIFFENS = _AT + 9
 AGES_MOST = 3
 """Contacts of different age in one axis."""
 
@@ -32,6 +34,14 @@ AGES_MOST = 3
 def age_level(p: Floats, state: Floats, velocity: float) -> float:
     """What is added to the friction level [N m]."""
     return float(p[_AT] * state[AGE] + p[_AT + 3] * state[AGE + 1] + p[_AT + 5] * state[AGE + 2])
+
+
+@compiled
+def stiffening(p: Floats, state: Floats, velocity: float) -> float:
+    """The part of that by which the contact is stiffer too [N m]."""
+    if not anywhere(p[_STIFFENS] > 0.0):
+        return 0.0 * velocity
+    return float(p[_STIFFENS] * age_level(p, state, velocity))
 
 
 @compiled
@@ -126,15 +136,17 @@ DWELL_TIME_BREAK_AWAY = Kind(
             _AT + 8,
             True,
         ),
+        part_that_stiffens(_STIFFENS),
     ),
     looks_like="The longer the axis has rested, the higher the peak of torque at the next start.",
     cause="Lubricant squeezed out of the contact at rest, seals that stick, slideways without a film.",
     remedy="Make a short move before precise work; slideway oil with adhesion additives, other seals.",
     look_alikes=(AT_STARTS, IN_TIME),
     not_fed_forward="it depends on how long the axis has rested, and on every small motion then",
-    kernels=Kernels(level=age_level),
+    kernels=Kernels(level=age_level, stiffening=stiffening),
     starts=starts,
     size="rise",
+    plain_shape=stiffer,
     free_shape=free_shape,
     needs_rests=True,
     quick=True,

@@ -73,6 +73,12 @@ class Parameter:
         return linear.replace("cycles/rev", "cycles/m").replace("rad", "m")
 
 
+def part_that_stiffens(slot: int) -> Parameter:
+    """`stiffens`, of an effect that adds to friction: how much of that the contact is stiffer by."""
+    meaning = "part of its growth by which the contact is stiffer too; 1: its reach stays"
+    return Parameter("stiffens", "1", 0.0, 0.0, 1.0, meaning, slot, optional=True, held=True)
+
+
 @dataclass(frozen=True, slots=True)
 class Value:
     """A number with its uncertainty; None where it was never estimated."""
@@ -118,6 +124,7 @@ class Kernels:
     Attributes:
         torque: (p, position) → torque that it needs beside inertia and friction [N m].
         level: (p, state, velocity) → added to the level of dry friction [N m].
+        stiffening: (p, state, velocity) → the part of that by which the contact is stiffer too [N m].
         level_factor: (p, state, position) → what that level is multiplied by, after all additions.
         viscous: (p, velocity) → added to the viscous coefficient [N m s/rad].
         viscous_factor: (p, state) → what that coefficient is multiplied by, after all additions.
@@ -125,6 +132,7 @@ class Kernels:
 
     torque: Callable[..., float] | None = None
     level: Callable[..., float] | None = None
+    stiffening: Callable[..., float] | None = None
     level_factor: Callable[..., float] | None = None
     viscous: Callable[..., float] | None = None
     viscous_factor: Callable[..., float] | None = None

@@ -5,9 +5,9 @@ which side of the friction the pressed contact sits: 0 at the load, 1 at the mot
 friction is higher while braking than while driving.
 
 By another law it grows with a power of that torque, and from a preload on: factor·typical·((T − preload)/typical)ⁿ.
-And what is pressed may be stiffer too (`stiffens`): the area of real contact carries both friction and stiffness, each
-in proportion to what presses it (Bowden and Tabor 1950; Mindlin 1949), so that its reach stays. A bristle of LuGre has
-one stiffness, and its reach grows with its level. Both slide alike; they differ after reversals under load.
+And what is pressed may be stiffer too (`stiffens`): the area of real contact carries friction and stiffness alike, and
+grows with what presses it (Baumberger and Caroli 2006), so that its reach stays. A bristle of LuGre has one stiffness,
+and its reach grows with its level. Both slide alike; they differ after reversals under load.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from collections.abc import Iterator
 
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.effect import Kernels, Kind, Parameter, part_that_stiffens
 from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block, flag, state_block
 from autotune.models.look_alikes import IN_TORQUE
-from autotune.models.start_values import StartContext, StartValues, Vary, at_first
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first, stiffer
 
 _AT = block("load_dependent_friction")
 PRESSED = state_block("load_dependent_friction")
 IS_PRESSED = flag("load_dependent_friction")
-STIFFENS = _AT + 5
+_STIFFENS = _AT + 5
 SMOOTHING = 1e-3  # s
 
 
@@ -39,9 +39,11 @@ def load_level(p: Floats, state: Floats, velocity: float) -> float:
 
 
 @compiled
-def stiffening_level(p: Floats, state: Floats, velocity: float) -> float:
-    """The part of that with which the contact becomes stiffer too [N m]."""
-    return float(p[STIFFENS] * load_level(p, state, velocity))
+def stiffening(p: Floats, state: Floats, velocity: float) -> float:
+    """The part of that by which the contact is stiffer too [N m]."""
+    if not anywhere(p[_STIFFENS] > 0.0):
+        return 0.0 * velocity
+    return float(p[_STIFFENS] * load_level(p, state, velocity))
 
 
 @compiled
@@ -58,11 +60,6 @@ def starts(c: StartContext) -> Iterator[StartValues]:
             {"factor": at_first(0.03, c.left / c.torque), "friction_share": share},
             {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4)},
         )
-
-
-def plain_shape(_: StartContext) -> StartValues:
-    """A contact that is stiffer in proportion."""
-    return StartValues({"stiffens": 1.0}, {})
 
 
 def free_shape(c: StartContext) -> StartValues:
@@ -86,27 +83,17 @@ LOAD_DEPENDENT_FRICTION = Kind(
             "typical", "N m", 1.0, 1e-9, 1e9, "torque at which the factor holds", _AT + 3, True, held=True
         ),
         Parameter("preload", "N m", 0.0, 0.0, 1e9, "torque from which on it grows", _AT + 4, True),
-        Parameter(
-            "stiffens",
-            "1",
-            0.0,
-            0.0,
-            1.0,
-            "part of its growth by which the contact is stiffer too; 1: its reach stays",
-            STIFFENS,
-            True,
-            held=True,
-        ),
+        part_that_stiffens(_STIFFENS),
     ),
     looks_like="Friction is higher while the axis accelerates, brakes or carries a load.",
     cause="Worm and screw drives, gears and nuts whose flanks are pressed by what they transmit.",
     remedy="Lubricate the flanks; an efficiency that has fallen points to wear or dry teeth.",
     look_alikes=(IN_TORQUE,),
     not_fed_forward="it depends on the load of the moment",
-    kernels=Kernels(level=load_level),
+    kernels=Kernels(level=load_level, stiffening=stiffening),
     starts=starts,
     size="factor",
-    plain_shape=plain_shape,
+    plain_shape=stiffer,
     free_shape=free_shape,
     quick=True,
 )

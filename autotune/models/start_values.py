@@ -144,3 +144,8 @@ class StartContext(Protocol):
     def orders_in_residual(self, most: int) -> list[float]:
         """Orders of position that stand out of the residual, strongest first, those in the model left out."""
         ...
+
+
+def stiffer(_: StartContext) -> StartValues:
+    """A contact that is stiffer in proportion to what an effect adds to its friction (`effect.part_that_stiffens`)."""
+    return StartValues({"stiffens": 1.0}, {})

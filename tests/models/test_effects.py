@@ -12,10 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autotune.models import layout
+from autotune.models.contact import friction_limit, stiffened
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.dwell_time_break_away import AGE, DWELL_TIME_BREAK_AWAY, grow_older
 from autotune.models.encoder_eccentricity import parts, reading_error, true_motion
 from autotune.models.inverse import applied_torque, load_substeps, required
+from autotune.models.load_dependent_friction import PRESSED
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.table import EFFECTS
 from autotune.models.torque_saturation import bent, saturated, torque_slope
@@ -232,6 +234,50 @@ def test_lag_is_smooth_down_to_zero() -> None:
     np.testing.assert_allclose(results[0], results[1], atol=1e-6)
     np.testing.assert_allclose(results[0], results[2], atol=2e-4)
     assert math.isclose(float(results[0][10]), 0.5 * (torque[9] + torque[10]), abs_tol=1e-12)
+
+
+ADDS = {
+    "load_dependent_friction": ({"factor": 0.2, "friction_share": 0.0}, PRESSED, 0.5),
+    "dwell_time_break_away": ({"rise": 0.1, "time_constant": 0.1, "slip": 2e-3}, AGE, 1.0),
+}
+"""Effects that add 0.1 N m to a friction of 0.3: their values, and a state in which they do."""
+
+
+@pytest.mark.parametrize("effect", list(ADDS))
+@pytest.mark.parametrize(("stiffens", "stiffer"), [(0.0, 1.0), (0.5, 0.4 / 0.35), (1.0, 0.4 / 0.3)])
+def test_a_contact_slides_alike_however_stiff_it_becomes(
+    effect: str, stiffens: float, stiffer: float
+) -> None:
+    """Its stiffness grows as far as it is said to, and the reach makes up for the rest."""
+    values, at, level = ADDS[effect]
+    state = np.zeros(layout.STATES)
+    state[at] = level
+    packed = base_model(NUMBERS).with_effect(EFFECTS[effect].make(values | {"stiffens": stiffens})).pack()
+    times = stiffened(packed.p, packed.on, state, 0.1)
+    limit = friction_limit(packed.p, packed.on, state, 0.0, 0.1)
+    assert times == pytest.approx(stiffer, rel=1e-12)
+    assert times * NUMBERS["stiffness"] * limit == pytest.approx(0.4, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("load_dependent_friction", {"factor": 0.4, "friction_share": 0.3}),
+        ("dwell_time_break_away", {"rise": 0.25, "time_constant": 0.1, "slip": 2e-3}),
+    ],
+)
+def test_the_inverse_gives_back_the_torque_of_a_contact_that_stiffens(
+    effect: str, values: dict[str, float]
+) -> None:
+    model, plain = (
+        base_model(NUMBERS).with_effect(EFFECTS[effect].make(values | {"stiffens": part}))
+        for part in (1.0, 0.0)
+    )
+    torque = _drive()
+    position = _forward(model, torque)
+    right, wrong = (np.sqrt(np.mean(_residual(one, torque, position) ** 2)) for one in (model, plain))
+    assert right < 2.5e-3
+    assert wrong > 1.5 * right
 
 
 def _aged(rest: float, speed: float) -> float:
