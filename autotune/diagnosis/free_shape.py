@@ -84,20 +84,26 @@ def _courses(problem: Problem, nominal: Packed, before: ModelFit, effect: str) -
     be left out.
 
     From a smooth law, a course with a bend is not found: terms that begin at nothing beside it take what it leaves.
+    What is another law without any number of its own (a contact that stiffens) is kept where it leaves less.
     """
     if effect == REVERSAL_MEMORY.name:
         yield resolved(problem, before)
         return
-    kind, context = EFFECTS[effect], Context(problem, before.fitted, nominal)
-    made = (shape(context) for shape in (kind.plain_shape, kind.free_shape) if shape is not None)
-    starts = [_freed(before, kind, start) for start in made if start is not None]
-    for start in starts:
-        yield fit_inside_twin(problem, start.packed, list(start.free), ROUNDS + 1, before.effects)
-    if kind.own_size and starts:
-        alone = starts[-1].packed.p.copy()
+    kind, last = EFFECTS[effect], None
+    for shape in (kind.plain_shape, kind.free_shape):
+        start = shape(Context(problem, before.fitted, nominal)) if shape is not None else None
+        if start is None:
+            continue
+        last = _freed(before, kind, start)
+        settled = fit_inside_twin(problem, last.packed, list(last.free), ROUNDS + 1, before.effects)
+        yield settled
+        if not start.free and settled is not None and settled.fitted.cost < before.fitted.cost:
+            before = settled
+    if kind.own_size and last is not None:
+        alone = last.packed.p.copy()
         alone[kind.slot(kind.own_size)] = 0.0
         packed = Packed(alone, before.fitted.packed.on)
-        yield fit_inside_twin(problem, packed, list(starts[-1].free), ROUNDS + 1, before.effects)
+        yield fit_inside_twin(problem, packed, list(last.free), ROUNDS + 1, before.effects)
 
 
 def _freed(before: ModelFit, kind: Kind, start: StartValues) -> FitStart:
