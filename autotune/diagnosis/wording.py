@@ -166,6 +166,16 @@ OTHER_TRAJECTORY = (
 )
 ALL_KINDS = 5
 """Kinds of motion among which every effect shows itself; as many as where nothing is known of what is missing."""
+ALREADY_THERE = (
+    "; where these data have that already, change one thing on the machine and record the same again: the load taken "
+    "off, another payload, cold and warm"
+)
+REPEATS_DIFFER = (
+    "Repeats of the same motion differ by {percent:.2g} % of the torque (rms). An axis that sticks and slips or hunts "
+    "does so, and what is smaller than that cannot be seen here: make the loop calmer, and record again."
+)
+LOUD_REPEATS = 0.05
+"""Of the torque (rms): disturbances and sensors of axes that are used make one to three hundredths."""
 MOST_NAMES = 4
 """In one sentence: a longer list tells nobody what to look at."""
 
@@ -305,10 +315,17 @@ def rms_unexplained(problem: Problem, root: ModelFit, rows: Flags | None = None)
     """Of the recorded torque on the rows that are fitted, or on those given: the share that the model leaves, by their
     spread; of motion one way by their size, as friction is a level there, which the model explains."""
     rows = problem.training > 0 if rows is None else rows
-    torque, left = problem.data.torque[problem.data.grid[rows]], root.fitted.error[rows]
+    left = root.fitted.error[rows]
     if not problem.scales.one_way:
-        torque, left = torque - torque.mean(), left - left.mean()
-    return float(np.sqrt(np.mean(left**2))) / max(float(np.sqrt(np.mean(torque**2))), 1e-300)
+        left = left - left.mean()
+    return float(np.sqrt(np.mean(left**2))) / rms_recorded(problem, rows)
+
+
+def rms_recorded(problem: Problem, rows: Flags) -> float:
+    """Of the recorded torque on rows of shape (m,), by its spread; of motion one way by its size [N m]."""
+    torque = problem.data.torque[problem.data.grid[rows]]
+    own = torque if problem.scales.one_way else torque - torque.mean()
+    return max(float(np.sqrt(np.mean(own**2))), 1e-300)
 
 
 def rms_above(problem: Problem) -> float:
@@ -316,8 +333,7 @@ def rms_above(problem: Problem) -> float:
     data, rows = problem.data, problem.training > 0
     torque = data.torque[data.grid[rows]]
     above = torque - smoothed(data, data.torque)[rows]
-    own = torque if problem.scales.one_way else torque - torque.mean()
-    return float(np.sqrt(np.mean(above**2))) / max(float(np.sqrt(np.mean(own**2))), 1e-300)
+    return float(np.sqrt(np.mean(above**2))) / rms_recorded(problem, rows)
 
 
 def unexplained(problem: Problem, model_fit: ModelFit) -> float:
@@ -341,6 +357,11 @@ def left_out_note(problem: Problem, root: ModelFit) -> tuple[str, ...]:
     return (f"{text}; there the model leaves {100 * left:.2g} % of the torque (rms).",)
 
 
+def repeats_note(apart: float) -> str:
+    """What may be missing unseen where repeats differ by this much of the torque (rms); empty where that is ordinary."""
+    return f" {REPEATS_DIFFER.format(percent=100 * apart)}" if apart > LOUD_REPEATS else ""
+
+
 def nothing_note(
     problem: Problem,
     evidence: Evidence,
@@ -360,6 +381,8 @@ def nothing_note(
         text += "; no candidate lowers it on unseen experiments."
     else:
         text += f"; {nearest(problem, evidence, root, best, tried)}"
+    if evidence.repeats:
+        text += repeats_note(evidence.noise_rms(problem, root) / rms_recorded(problem, problem.training > 0))
     above = 0.0 if problem.data.steady else rms_above(problem)
     if above <= share:
         return text
@@ -515,13 +538,15 @@ def next_experiment(
     Args:
         kinds: how many motions these data hold that were played more than once.
     """
+    there = ALREADY_THERE * (kinds >= ALL_KINDS)
     if verdict == "ambiguous":
-        return separating_experiment(confusable[0], own_axis)
+        return separating_experiment(confusable[0], own_axis) + there
     if verdict == "named" and confidence == "suspected":
         if not confusable and kinds >= ALL_KINDS:
             return OTHER_TRAJECTORY.format(kinds=kinds, how=_how(own_axis))
         near = confusable[0] if confusable else effects
-        return separating_experiment(near, own_axis) + ". A second trajectory confirms or refutes the name."
+        said = separating_experiment(near, own_axis) + there
+        return f"{said}. A second trajectory confirms or refutes the name."
     if verdict == "unknown" and kinds >= ALL_KINDS:
         return OTHER_STATE.format(kinds=kinds)
     if verdict == "unknown":

@@ -37,7 +37,8 @@ FLOAT_COLUMNS = (
 COLUMNS = ("time", "experiment", "repeat", *FLOAT_COLUMNS[1:], "missed")
 REQUIRED_COLUMNS = ("time", "position", "torque")
 MOTION_UNITS = ("rad", "m")
-RESERVED_EXPERIMENTS = ("conditioning", "veto", "test")
+CONDITIONING = "conditioning"
+RESERVED_EXPERIMENTS = (CONDITIONING, "veto", "test")
 
 
 @dataclass(frozen=True, slots=True)

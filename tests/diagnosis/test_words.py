@@ -16,6 +16,7 @@ from autotune.diagnosis.wording import (
     missing_codes_note,
     nearest,
     next_experiment,
+    repeats_note,
     separating_experiment,
     sets_of_rivals,
     torque_path_notes,
@@ -63,6 +64,23 @@ def test_a_name_that_nothing_resembles_asks_for_another_trajectory_and_no_motion
     assert "5 kinds of motion" in all_of_them
     assert "Another trajectory confirms or refutes" in all_of_them
     assert "move the axis so" not in all_of_them
+
+
+@pytest.mark.parametrize("kinds", [2, 5])
+@pytest.mark.parametrize(("verdict", "confidence"), [("ambiguous", "suspected"), ("named", "suspected")])
+def test_a_motion_that_may_be_there_already_is_not_all_that_is_asked(
+    verdict: str, confidence: str, kinds: int
+) -> None:
+    rivals = (("backlash", "elastic_transmission"),)
+    text = next_experiment(verdict, ("backlash",), rivals, confidence, None, False, kinds)
+    assert text is not None
+    assert "multisine" in text
+    assert ("where these data have that already" in text) == (kinds == 5)
+
+
+def test_repeats_that_differ_much_are_told_beside_none() -> None:
+    assert repeats_note(0.03) == ""
+    assert "differ by 7.2 % of the torque" in repeats_note(0.072)
 
 
 def test_each_effect_has_rivals_of_its_own() -> None:

@@ -138,12 +138,19 @@ def test_a_file_without_labels_tells_its_repeats(tmp_path: Path) -> None:
     assert all(name.startswith("axis.") for name in names)
 
 
-def _labelled(tmp_path: Path, pauses: tuple[int, int]) -> Path:
-    """Two experiments, twice each, whose labels begin with a pause that is longer in one of the plays."""
+def _labelled(tmp_path: Path, pauses: tuple[int, int], between: tuple[int, ...] = ()) -> Path:
+    """Two experiments, twice each, whose labels begin with a pause that is longer in one of the plays.
+
+    `between`: rows of conditioning before each.
+    """
     halves = [np.concatenate(ONCE[:3]), np.concatenate(ONCE[3:])]
     parts = [(name, run, half) for name, half in zip("ab", halves, strict=True) for run in (0, 1)]
     labels, runs, references = [], [], []
-    for name, run, half in parts:
+    for number, (name, run, half) in enumerate(parts):
+        rest = between[number] if between else 0
+        labels += ["conditioning"] * rest
+        runs += [0] * rest
+        references.append(np.zeros(rest))
         reference = np.concatenate([np.zeros(pauses[run]), half])
         labels += [name] * len(reference)
         runs += [run] * len(reference)
@@ -199,6 +206,12 @@ def test_labels_of_even_repeats_are_left_as_they_are(tmp_path: Path) -> None:
     assert [(one.experiment, one.repeat) for one in recording.segments()] == [
         ("a", 0), ("a", 1), ("b", 0), ("b", 1)
     ]  # fmt: skip
+
+
+def test_conditioning_of_any_length_makes_repeats_no_less_even(tmp_path: Path) -> None:
+    imported = bring_in(_labelled(tmp_path, (300, 300), (90, 310, 70, 500)), columns=COLUMNS)
+    played = [(one.experiment, one.repeat) for one in imported.recording.segments() if one.experiment in "ab"]
+    assert played == [("a", 0), ("a", 1), ("b", 0), ("b", 1)]
 
 
 def test_a_file_that_is_named_stays_in_one_piece(tmp_path: Path) -> None:

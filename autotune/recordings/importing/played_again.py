@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
-from autotune.recordings.recording import RESERVED_EXPERIMENTS, Recording, Segment
+from autotune.recordings.recording import CONDITIONING, RESERVED_EXPERIMENTS, Recording, Segment
 
 REST = 0.05
 """s for which a reference must stand still between two motions."""
@@ -71,7 +71,8 @@ def told_apart(recording: Recording) -> tuple[Recording, str | None]:
     groups: dict[str, list[Segment]] = {}
     for segment in recording.segments():
         groups.setdefault(segment.experiment, []).append(segment)
-    uneven = any(len({one.stop - one.start for one in own}) > 1 for own in groups.values())
+    lengths = {name: {one.stop - one.start for one in own} for name, own in groups.items()}
+    uneven = any(len(own) > 1 for name, own in lengths.items() if name != CONDITIONING)
     known = "reference" in recording
     if (not known or np.any(recording.repeat > 0)) and not uneven:
         return recording, None
@@ -125,7 +126,7 @@ class _Labels:
             return
         between = [rows for start, stop in pieces for rows in _between(plays, start, stop)]
         for number, (start, stop) in enumerate(between, 1):
-            self.experiment[start:stop] = "conditioning" if reserved else f"{name}.0.{number}"
+            self.experiment[start:stop] = CONDITIONING if reserved else f"{name}.0.{number}"
             self.repeat[start:stop] = number - 1 if reserved else 0
         for one in plays:
             rows = slice(one.start, one.stop)
