@@ -358,7 +358,7 @@ def left_out_note(problem: Problem, root: ModelFit) -> tuple[str, ...]:
 
 
 def repeats_note(apart: float) -> str:
-    """What may be missing unseen where repeats differ by this much of the torque (rms); empty where that is ordinary."""
+    """What may be missing unseen where repeats differ by so much of the torque (rms); empty where that is ordinary."""
     return f" {REPEATS_DIFFER.format(percent=100 * apart)}" if apart > LOUD_REPEATS else ""
 
 
