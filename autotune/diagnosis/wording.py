@@ -218,8 +218,8 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
         notes.append(MOVED_UNTOLD.format(late=1e3 * abs(data.late) * data.period, when=when))
     if data.lag > 2.0 * data.lag_error:
         late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * data.lag)
-        told = CURRENT_LOOP_AT_LEAST if data.lag >= CURRENT_LOOP else CURRENT_LOOP_LATE
-        notes.append(told.format(late=late, error=error, hertz=hertz))
+        loop = CURRENT_LOOP_AT_LEAST if data.lag >= CURRENT_LOOP else CURRENT_LOOP_LATE
+        notes.append(loop.format(late=late, error=error, hertz=hertz))
     if data.cycles >= max(CYCLES) and data.lag >= CURRENT_LOOP:
         notes.append(AT_ITS_END)
     if data.reading is not None:
