@@ -17,7 +17,7 @@ from autotune.diagnosis.refits import needed_share
 from autotune.estimation.alignment import CURRENT_LOOP
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller_law import PositionController
-from autotune.estimation.data import TRAINING, Prepared
+from autotune.estimation.data import TRAINING, Prepared, ReadingWave
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import smoothed
@@ -110,6 +110,10 @@ READS_IN_WAVES = (
     "The encoder tells up to {size:.2g} {unit} too much or too little over each {period:.4g} {unit}, as one does that "
     "interpolates the sine and cosine of its lines. It is no effect of the axis, and taken out of the motion; its "
     "signals' offsets and sizes can be set in most drives."
+)
+READS_BELOW_A_COUNT = (
+    "The reading seems to be off by {size:.2g} {unit} in waves of {period:.4g} {unit}: less than half a count, too "
+    "little to tell an encoder's error from what its counts make. It is taken out of the motion, and asks for nothing."
 )
 READS_OFF_CENTRE = (
     "The encoder tells up to {size:.2g} {unit} too much or too little over each {period:.4g} {unit}: {counts:.2g} "
@@ -223,14 +227,19 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
     if data.cycles >= max(CYCLES) and data.lag >= CURRENT_LOOP:
         notes.append(AT_ITS_END)
     if data.reading is not None:
-        period = 2.0 * math.pi / data.reading.wavenumber
-        unit = data.metadata.motion_unit
-        if data.reading.interpolated(data.resolution):
-            notes.append(READS_IN_WAVES.format(size=data.reading.size, period=period, unit=unit))
-        else:
-            told = {"size": data.reading.size, "period": period, "counts": period / data.resolution}
-            notes.append(READS_OFF_CENTRE.format(**told, unit=unit))
+        notes.append(_reading_note(data, data.reading))
     return tuple(notes)
+
+
+def _reading_note(data: Prepared, wave: ReadingWave) -> str:
+    """What an encoder tells too much in waves over the place, and why it may."""
+    period = 2.0 * math.pi / wave.wavenumber
+    told = {"size": wave.size, "period": period, "unit": data.metadata.motion_unit}
+    if wave.size < 0.5 * data.resolution:
+        return READS_BELOW_A_COUNT.format(**told)
+    if wave.interpolated(data.resolution):
+        return READS_IN_WAVES.format(**told)
+    return READS_OFF_CENTRE.format(**told, counts=period / data.resolution)
 
 
 def not_looked_for(problem: Problem, evidence: Evidence) -> tuple[str, ...]:

@@ -119,24 +119,31 @@ def test_a_wide_file_is_named_in_one_line() -> None:
     assert text.endswith("and 492 more")
 
 
+def _read(size: float, resolution: float) -> str:
+    """What is said of a reading that is off by `size` [m] in waves of 5 mm."""
+    wave = ReadingWave(2.0 * math.pi / 5e-3, (size, 0.0, 0.0, 0.0))
+    path = {"cycles": 0, "late": 0.0, "upsampling": 1, "lag": 0.0, "lag_error": 1.0}
+    metadata = SimpleNamespace(motion_unit="m")
+    (note,) = torque_path_notes(
+        SimpleNamespace(**path, reading=wave, resolution=resolution, metadata=metadata)
+    )
+    return note
+
+
+def test_waves_below_a_count_blame_no_encoder() -> None:
+    """A quarter of a count over 42 counts was "sine and cosine", of an encoder that read exactly (39th outsider)."""
+    note = _read(0.25e-4, 1e-4)
+    assert "less than half a count" in note
+    assert "sine and cosine" not in note
+    assert "taken out of the motion" in note
+
+
 @pytest.mark.parametrize(
     ("resolution", "lines"), [(0.0, True), (1e-8, False), (1e-6, True), (4e-8, False), (1.6e-7, True)]
 )
 def test_a_screws_turn_is_no_line_of_an_encoder(resolution: float, lines: bool) -> None:
     """5 mm are 500 000 counts of 10 nm, and no encoder divides a line so finely."""
-    wave = ReadingWave(2.0 * math.pi / 5e-3, (1e-6, 0.0, 0.0, 0.0))
-    metadata = SimpleNamespace(motion_unit="m")
-    data = SimpleNamespace(
-        cycles=0,
-        late=0.0,
-        upsampling=1,
-        lag=0.0,
-        lag_error=1.0,
-        reading=wave,
-        resolution=resolution,
-        metadata=metadata,
-    )
-    (note,) = torque_path_notes(data)
+    note = _read(1e-6, resolution)
     assert ("sine and cosine of its lines" in note) == lines
     assert ("off centre on a shaft" in note) != lines
     assert "taken out of the motion" in note
