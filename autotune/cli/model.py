@@ -218,13 +218,19 @@ def add(
 
 
 @model.command("effects")
-def list_effects(as_json: Json = False) -> None:
+def list_effects(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Of these only, with their parameters.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
     """List the effects that there are: what each looks like, what causes it, what to do."""
-    from autotune.models.table import EFFECTS
+    from autotune.models.table import EFFECTS, effect_kind
 
+    chosen = [effect_kind(name) for name in names or EFFECTS]
     kinds = {
-        name: {"looks_like": kind.looks_like, "cause": kind.cause, "remedy": kind.remedy}
-        for name, kind in EFFECTS.items()
+        kind.name: {"looks_like": kind.looks_like, "cause": kind.cause, "remedy": kind.remedy}
+        for kind in chosen
     }
     if as_json:
         answer_json({"effects": kinds})
@@ -234,6 +240,8 @@ def list_effects(as_json: Json = False) -> None:
         answer(f"  looks like: {words['looks_like']}")
         answer(f"  caused by:  {words['cause']}")
         answer(f"  what to do: {words['remedy']}")
+        for one in EFFECTS[name].parameters if names else ():
+            answer(f"  {one.name} [{one.unit}]: {one.meaning}")
 
 
 @model.command()

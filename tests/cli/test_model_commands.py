@@ -30,6 +30,19 @@ def test_every_effect_is_listed_with_what_people_read(capsys: pytest.CaptureFixt
     )
 
 
+def test_one_effect_is_shown_with_its_parameters(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ending:
+        main(["model", "effects", "backlash"])
+    assert not ending.value.code
+    shown = capsys.readouterr().out
+    assert shown.startswith("backlash\n")
+    assert all(f"  {one.name} [" in shown for one in EFFECTS["backlash"].parameters)
+    assert "stribeck" not in shown
+    with pytest.raises(SystemExit) as ending:
+        main(["model", "effects", "nonsense"])
+    assert ending.value.code == 2
+
+
 def test_effects_come_first_then_recordings(tmp_path: Path) -> None:
     plain = tmp_path / "recording"
     plain.touch()
