@@ -32,7 +32,9 @@ def effect_kind(name: str) -> Kind:
         return EFFECTS[name]
     near = difflib.get_close_matches(name, EFFECTS, 1, cutoff=0.4)
     hint = f"did you mean {near[0]!r}? " if near else ""
-    raise ConfigurationError(f"there is no effect {name!r}; {hint}there are {', '.join(EFFECTS)}")
+    raise ConfigurationError(
+        f"there is no effect {name!r}; {hint}{'There' if hint else 'there'} are {', '.join(EFFECTS)}"
+    )
 
 
 def names(kinds: Iterable[Kind]) -> frozenset[str]:
