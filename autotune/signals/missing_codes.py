@@ -60,7 +60,7 @@ def _missing_codes(measured: Floats, pieces: Sequence[slice], resolution: float)
     low, high = told[wide], told[wide + 1]
     jumps, ordinary = zip(*(_slow_jumps(one) for one in codes), strict=True)
     below, above, upward = (np.concatenate(column) for column in zip(*jumps, strict=True))
-    # which gap a jump goes over: the last one that begins at or above its lower code
+    # which gap a jump goes over: the first that begins at its lower code or above
     gap = np.searchsorted(low, below)
     over = gap < len(low)
     over[over] &= high[gap[over]] <= above[over]

@@ -141,3 +141,34 @@ def test_a_course_is_asked_where_its_own_law_explains_enough(
     found = free_shape.with_free_shape(SimpleNamespace(policy=POLICY), None, None, chosen)
     assert found is None
     assert bool(courses) is asked
+
+
+@pytest.mark.parametrize("stiff_costs", [0.5, 2.0])
+def test_a_free_course_begins_at_the_stiffer_contact_where_that_leaves_less(
+    monkeypatch: pytest.MonkeyPatch, stiff_costs: float
+) -> None:
+    """A contact that ages by a logarithm and stiffens is explained by neither law alone."""
+    kind = EFFECTS["dwell_time_break_away"]
+    stiffens, faster = kind.slot("stiffens"), kind.slot("time_constant_2")
+    asked: list[Packed] = []
+
+    def fit(
+        problem: object, packed: Packed, free: list[Free], rounds: int, effects: tuple[str, ...]
+    ) -> object:
+        asked.append(packed)
+        return SimpleNamespace(
+            fitted=SimpleNamespace(packed=packed, cost=stiff_costs), free=tuple(free), effects=effects
+        )
+
+    names = ("inertia", "viscous", "coulomb", "stiffness", "micro_damping", "offset")
+    model = base_model(dict.fromkeys(names, 1.0))
+    packed = model.with_effect(kind.make({"rise": 0.1, "time_constant": 1.0, "slip": 1e-3})).pack()
+    before = SimpleNamespace(fitted=SimpleNamespace(packed=packed, cost=1.0), free=(), effects=(kind.name,))
+    known = lambda problem, fitted, nominal: SimpleNamespace(p=fitted.packed.p, coulomb=1.0)  # noqa: E731
+    monkeypatch.setattr(free_shape, "Context", known)
+    monkeypatch.setattr(free_shape, "fit_inside_twin", fit)
+    monkeypatch.setattr(free_shape, "varying", lambda kind, name, vary: SimpleNamespace(slot=kind.slot(name)))
+    assert len(list(free_shape._courses(None, packed, before, kind.name))) == 2
+    assert [one.p[stiffens] for one in asked] == [1.0, 1.0 if stiff_costs < 1.0 else 0.0]
+    assert asked[0].p[faster] == 0.0
+    assert asked[1].p[faster] > 0.0
