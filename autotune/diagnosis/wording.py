@@ -510,7 +510,7 @@ def sets_of_rivals(
     policy: Policy,
     effects: Sequence[str],
     first: Sequence[ScreenedCandidate],
-    carried: Sequence[HoldoutResult] = (),
+    carried: Sequence[HoldoutResult],
 ) -> tuple[tuple[str, ...], ...]:
     """For each of the effects that has any, itself and what these data may not tell from it.
 

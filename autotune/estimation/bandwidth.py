@@ -61,7 +61,7 @@ from autotune.estimation.data import (
 from autotune.estimation.parts import fitted_part
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import check_recording, guide_of, torque_of
-from autotune.recordings.recording import Recording
+from autotune.recordings.recording import CONDITIONING, Recording
 from autotune.recordings.speed_points import as_steady_recordings, speed_points
 from autotune.signals.filters import low_pass, motion
 
@@ -208,7 +208,7 @@ def busy_below(recording: Recording) -> float:
     Only torque that is coherent with the acceleration counts: neither ripple of a current nor noise.
     """
     period, torque, position = recording.period, torque_of(recording), recording["position"]
-    segments = [s for s in recording.segments() if s.experiment != "conditioning"]
+    segments = [s for s in recording.segments() if s.experiment != CONDITIONING]
     window = min(SPECTRUM_ROWS, max((s.stop - s.start for s in segments), default=0) // 8)
     if window < 64:
         return 0.0

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.errors import NotEnoughExcitation
 from autotune.recordings.checks import check_recording, torque_of
-from autotune.recordings.recording import Metadata, Recording, Segment, refuse_mixture
+from autotune.recordings.recording import CONDITIONING, Metadata, Recording, Segment, refuse_mixture
 from autotune.signals.filters import motion
 from autotune.signals.late_rows import in_time
 from autotune.signals.missing_codes import Gap, missing_codes
@@ -440,7 +440,7 @@ def _segments(recording: Recording, offset: int, number: int, pace: float) -> li
     chunk = max(_least_chunk(recording, pace), 10)
     for segment in segments:
         role = segment.experiment
-        if role == "conditioning":
+        if role == CONDITIONING:
             continue
         if not cut or role in _ROLES:
             found.append(Segment(role, segment.repeat, segment.start + offset, segment.stop + offset))
@@ -455,7 +455,7 @@ def _segments(recording: Recording, offset: int, number: int, pace: float) -> li
 
 def _cut(segments: Sequence[Segment]) -> bool:
     """Whether there are so few experiments, none of them repeated, that each must be cut to be held out."""
-    names = [s.experiment for s in segments if s.experiment not in ("conditioning", *_ROLES)]
+    names = [s.experiment for s in segments if s.experiment not in (CONDITIONING, *_ROLES)]
     return len(set(names)) == len(names) < 4
 
 
@@ -465,7 +465,7 @@ def _periodic(recording: Recording, offset: int, pace: float) -> list[Periodic]:
     if not _cut(segments):
         return []
     guide = recording["reference" if "reference" in recording else "position"]
-    fitted = [s for s in segments if s.experiment not in ("conditioning", *_ROLES)]
+    fitted = [s for s in segments if s.experiment not in (CONDITIONING, *_ROLES)]
     found = [periodic(guide[s.rows], offset + s.start, recording.period / pace) for s in fitted]
     return [part for part in found if part is not None]
 

@@ -24,7 +24,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.estimation.data import LEAST_ROWS, TRAINING, Block, Prepared, Stretch
 from autotune.models import layout
 from autotune.models.table import EFFECTS
-from autotune.recordings.recording import Recording, Segment
+from autotune.recordings.recording import CONDITIONING, Recording, Segment
 
 SETTLED = 6.0
 """Periods of the motion's cut-off: so far away a filter does not feel the end of what it is given."""
@@ -100,7 +100,6 @@ _STROKES = "steady_state"
 _SINGLE = (_STROKES, "high_speed")
 """Experiments whose repeats are none of one another."""
 _REPEATED = "dahl"
-_BETWEEN = "conditioning"
 REPEATS = 2
 """Of Dahl's curve: more say nothing more."""
 
@@ -120,7 +119,7 @@ def fitted_part(recording: Recording) -> Recording:
             keep[segment.rows] = False
     for i in _spare(recording, segments):
         keep[segments[i].rows] = False
-        if i > 0 and segments[i - 1].experiment == _BETWEEN:
+        if i > 0 and segments[i - 1].experiment == CONDITIONING:
             keep[segments[i - 1].rows] = False
     if keep.all() and all(segment.experiment not in _SINGLE for segment in segments):
         return recording

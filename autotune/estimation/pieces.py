@@ -28,11 +28,11 @@ from autotune.estimation.twin import leading, loop_along, simulate_stretch, simu
 from autotune.models.drive_model import Packed
 from autotune.models.lanes import beside_or_one
 from autotune.recordings.checks import clipped, guide_of, torque_of
-from autotune.recordings.recording import Recording
+from autotune.recordings.recording import RESERVED_EXPERIMENTS, Recording
 from autotune.signals.filters import low_pass, motion
 
 LEAST_SECONDS = 0.15
-UNFITTED = ("conditioning", "veto", "test")
+UNFITTED = RESERVED_EXPERIMENTS
 _EDGE_SECONDS = 0.03
 """All at the usual cut-off; times its pace (`Bands.pace`) at others."""
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from autotune.experiments.experiment import PlannedExperiment
-from autotune.experiments.path import CONDITIONING, Motion, Path
+from autotune.experiments.path import Motion, Path
+from autotune.recordings.recording import CONDITIONING
 
 LABEL, NESTED = "dahl", "dahl_nested"
 LARGE = 0.6  # of the user's amplitude

@@ -27,6 +27,7 @@ from autotune.experiments.path import Motion, Path
 from autotune.models import look_alikes
 from autotune.models.look_alikes import LookAlikes
 from autotune.models.table import EFFECTS, looking_alike
+from autotune.recordings.recording import CONDITIONING
 
 LONGEST = 60.0
 """The whole programme [s]."""
@@ -166,7 +167,7 @@ def deciding(motion: Motion, rivals: Sequence[str], rng: np.random.Generator) ->
     Raises:
         ConfigurationError: no such effect, or an axis so slow that nothing of it fits into the time.
     """
-    warm = Trajectory(motion, "conditioning", conditioning(motion))
+    warm = Trajectory(motion, CONDITIONING, conditioning(motion))
     unseen = mixture(motion, rng, GATE_SECONDS)
     gates = [Trajectory(motion, "veto", unseen, k) for k in range(ROUNDS)]
     left = LONGEST - WAY_SECONDS - sum(one.duration for one in (warm, *gates))

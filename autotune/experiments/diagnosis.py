@@ -16,6 +16,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.experiments.experiment import Experiment, PlannedExperiment
 from autotune.experiments.path import Motion, Path, times
+from autotune.recordings.recording import CONDITIONING
 from autotune.signals.excitation import multisine, smooth_step
 
 SMALL_SINES = (0.002, 0.006, 0.02, 0.06, 0.2)  # of the user's amplitude
@@ -65,7 +66,7 @@ def diagnosis(motion: Motion, rng: np.random.Generator) -> tuple[Experiment, ...
     rounds = [Trajectory(motion, name, positions, k) for k in (0, 1) for name, positions in training.items()]
     veto, unseen = mixture(motion, rng, 16.0), mixture(motion, rng, 10.0)
     return (
-        Trajectory(motion, "conditioning", conditioning(motion)),
+        Trajectory(motion, CONDITIONING, conditioning(motion)),
         *rounds,
         Trajectory(motion, "veto", veto, 0),
         Trajectory(motion, "veto", veto, 1),

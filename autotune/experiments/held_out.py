@@ -14,8 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from autotune.core.arrays import Floats
-from autotune.experiments.path import CONDITIONING, Motion, Path
+from autotune.experiments.path import Motion, Path
 from autotune.experiments.sines import BenchmarkSine, Row
+from autotune.recordings.recording import CONDITIONING
 from autotune.signals.excitation import smooth_step
 
 HELD_OUT = "held_out"

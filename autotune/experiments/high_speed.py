@@ -12,7 +12,8 @@ import numpy as np
 
 from autotune.core.errors import ConfigurationError
 from autotune.experiments.experiment import PlannedExperiment
-from autotune.experiments.path import CONDITIONING, Motion, Path, times
+from autotune.experiments.path import Motion, Path, times
+from autotune.recordings.recording import CONDITIONING
 from autotune.signals.excitation import prbs
 
 LABEL = "high_speed"

@@ -17,8 +17,8 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.core.axis import Axis
 from autotune.core.drive import Command, Mode, Sample
+from autotune.recordings.recording import CONDITIONING
 
-CONDITIONING = "conditioning"  # label of all that lies between measurements; never fitted
 ABANDONED = "abandoned"  # follows samples that became useless: they are conditioning too
 PEAK = 1.5  # peak over mean slope of 3s² − 2s³
 SETTLED = 1e-7  # part of the filter's lag that may be left at the end of a reference

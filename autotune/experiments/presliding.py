@@ -35,7 +35,8 @@ from autotune.core.axis import Limits
 from autotune.core.drive import Command, Mode, Sample
 from autotune.core.errors import NotEnoughExcitation
 from autotune.experiments.experiment import Experiment, Needs, approach, needs_of
-from autotune.experiments.path import ABANDONED, CONDITIONING, Item, Mark, Path, Plan, Steps, Switch
+from autotune.experiments.path import ABANDONED, Item, Mark, Path, Plan, Steps, Switch
+from autotune.recordings.recording import CONDITIONING
 from autotune.signals.excitation import decaying_sine, multisine
 
 LABEL = "presliding"

@@ -15,9 +15,16 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.core.axis import Axis
 from autotune.core.loop import ROW_FIELDS, Loop, Watch
-from autotune.experiments.path import ABANDONED, CONDITIONING
+from autotune.experiments.path import ABANDONED
 from autotune.experiments.runner import Played, Programme
-from autotune.recordings.recording import FLOAT_COLUMNS, Controller, Metadata, Recording, Segment
+from autotune.recordings.recording import (
+    CONDITIONING,
+    FLOAT_COLUMNS,
+    Controller,
+    Metadata,
+    Recording,
+    Segment,
+)
 
 _LABEL, _REPEAT, _MISSED = (ROW_FIELDS.index(name) for name in ("label", "repeat", "missed"))
 _COLUMNS = {name: ROW_FIELDS.index(name) for name in FLOAT_COLUMNS}

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 from autotune.experiments.experiment import PlannedExperiment
-from autotune.experiments.path import CONDITIONING, Motion, Path
+from autotune.experiments.path import Motion, Path
+from autotune.recordings.recording import CONDITIONING
 
 FORWARD, BACKWARD = "ripple_forward", "ripple_backward"
 TURN = 2.0 * math.pi

@@ -17,8 +17,9 @@ from autotune.core.loop import Publish
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.guard import Guard
 from autotune.experiments.motion_watch import Learnt
-from autotune.experiments.path import CONDITIONING, Item, Mark, Switch, unique
+from autotune.experiments.path import Item, Mark, Switch, unique
 from autotune.experiments.standstill import stands
+from autotune.recordings.recording import CONDITIONING
 
 REST_SECONDS = 0.1
 SLACK_SECONDS = 1.0  # machine time that ways between experiments may take beyond the prediction

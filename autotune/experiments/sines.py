@@ -20,7 +20,8 @@ from autotune.core.arrays import Floats
 from autotune.core.axis import Limits
 from autotune.core.drive import Command, Sample
 from autotune.experiments.experiment import Experiment, Needs, PlannedExperiment, approach
-from autotune.experiments.path import CONDITIONING, Item, Mark, Motion, Path, Steps
+from autotune.experiments.path import Item, Mark, Motion, Path, Steps
+from autotune.recordings.recording import CONDITIONING
 from autotune.signals.excitation import smooth_step
 
 BENCHMARK, ADAPTATION = "benchmark", "adaptation"

@@ -18,7 +18,8 @@ import numpy as np
 
 from autotune.core.errors import ConfigurationError
 from autotune.experiments.experiment import PlannedExperiment
-from autotune.experiments.path import CONDITIONING, Motion, Path
+from autotune.experiments.path import Motion, Path
+from autotune.recordings.recording import CONDITIONING
 
 LABEL = "steady_state"
 SLOWEST = 1 / 40  # of the user's peak speed

@@ -22,7 +22,8 @@ from autotune.core.axis import Limits
 from autotune.core.drive import Command, Sample
 from autotune.core.errors import DriveError, NotEnoughExcitation
 from autotune.experiments.experiment import Experiment, Needs
-from autotune.experiments.path import CONDITIONING, Mark, Motion, Steps
+from autotune.experiments.path import Mark, Motion, Steps
+from autotune.recordings.recording import CONDITIONING
 
 TORQUE_STEP = "torque-step"
 SHARE_OF_LIMIT = 0.03

@@ -31,10 +31,8 @@ def effect_kind(name: str) -> Kind:
     if name in EFFECTS:
         return EFFECTS[name]
     near = difflib.get_close_matches(name, EFFECTS, 1, cutoff=0.4)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    raise ConfigurationError(
-        f"there is no effect {name!r}; {hint}{'There' if hint else 'there'} are {', '.join(EFFECTS)}"
-    )
+    there = f"did you mean {near[0]!r}? There" if near else "there"
+    raise ConfigurationError(f"there is no effect {name!r}; {there} are {', '.join(EFFECTS)}")
 
 
 def names(kinds: Iterable[Kind]) -> frozenset[str]:

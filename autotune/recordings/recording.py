@@ -38,6 +38,7 @@ COLUMNS = ("time", "experiment", "repeat", *FLOAT_COLUMNS[1:], "missed")
 REQUIRED_COLUMNS = ("time", "position", "torque")
 MOTION_UNITS = ("rad", "m")
 CONDITIONING = "conditioning"
+"""The label of all that lies between measurements: never fitted."""
 RESERVED_EXPERIMENTS = (CONDITIONING, "veto", "test")
 
 

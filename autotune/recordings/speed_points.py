@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.recordings.checks import torque_of
-from autotune.recordings.recording import Recording
+from autotune.recordings.recording import CONDITIONING, Recording
 
 LEAST_SPEEDS = 6
 LEAST_SHARE = 0.8
@@ -61,7 +61,7 @@ def as_steady_recordings(recordings: Sequence[Recording], points: Sequence[Point
                 "torque": np.full(ROWS, point.torque),
             },
             metadata,
-            ["conditioning"] * SETTLING + [f"{point.name} {number}"] * (ROWS - SETTLING),
+            [CONDITIONING] * SETTLING + [f"{point.name} {number}"] * (ROWS - SETTLING),
         )
         for number, point in enumerate(points)
     ]

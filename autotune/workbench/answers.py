@@ -20,14 +20,13 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import parse_model, write_model
 from autotune.models.table import effect_kind
 from autotune.recordings.files import read_recording
-from autotune.recordings.recording import Recording
+from autotune.recordings.recording import CONDITIONING, Recording
 from autotune.tuning.question import rivals_of
 
 MOST_ROWS = 30_000
 """Of a comparison, sent to a page; more are thinned evenly."""
 MOST_OVERLAID = 10_000
 """Of what every candidate explains: there are sixteen of them."""
-LEFT_OUT = "conditioning"
 Tell = Callable[[str], None]
 Wish = Mapping[str, Any]
 
@@ -153,7 +152,7 @@ def _without(recording: Recording, gaps: Sequence[Sequence[float]]) -> Recording
     for first, last in gaps:
         out |= (time >= first) & (time <= last)
     names = recording.experiment.astype(object)
-    names[out] = LEFT_OUT
+    names[out] = CONDITIONING
     return replace(recording, experiment=names.astype(np.str_))
 
 

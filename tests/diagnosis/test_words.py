@@ -94,12 +94,12 @@ def test_each_effect_has_rivals_of_its_own() -> None:
     }
     first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]
     policy = replace(POLICY, rival_gain=0.3)
-    sets = sets_of_rivals(policy, ("spring", "stribeck"), first)
+    sets = sets_of_rivals(policy, ("spring", "stribeck"), first, ())
     assert sets == (("spring", "gravity_imbalance"), ("stribeck", "dwell_time_break_away"))
     elsewhere = [SimpleNamespace(effect="stribeck", rivals=("nonlinear_viscous",))]
     (one,) = sets_of_rivals(policy, ("stribeck",), first[:2], elsewhere)
     assert one == ("stribeck", "nonlinear_viscous")
-    assert sets_of_rivals(policy, ("stribeck",), first[:2]) == ()
+    assert sets_of_rivals(policy, ("stribeck",), first[:2], ()) == ()
 
 
 def test_nobody_is_asked_to_tell_ten_effects_apart() -> None:
