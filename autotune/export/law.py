@@ -33,6 +33,7 @@ from autotune.models.lugre import bends, crept, fallen, halfway, onward
 from autotune.models.reversal_memory import (
     ATTRACTION,
     DAMPING,
+    ELEMENT_STATES,
     REMEMBERS,
     memory_damping,
     memory_torque,
@@ -180,12 +181,15 @@ class _Frame:
         yield Block(f"All friction [{torque}].", "friction = friction + coefficient * velocity")
         if self._on[REMEMBERS]:
             travel, more = named("travel"), named("more") if carry else Term(ast.Constant(1.0), 1.0)
+            at = Term(ast.Constant(ELEMENT_STATES), ELEMENT_STATES)
             if self._p[DAMPING] > 0.0:  # asked before the elements move
                 faded = "part * " if self._p[layout.DAMPING_VELOCITY] > 0.0 else ""
                 damped = f"friction = friction + {faded}{{}} * velocity"
-                yield self._from_kernel(REMEMBERS, memory_damping, damped, None, None, travel, more)
+                yield self._from_kernel(REMEMBERS, memory_damping, damped, None, None, at, travel, more)
             use = "friction = friction + factor * {}" if shared else "friction = friction + {}"
-            yield self._from_kernel(REMEMBERS, memory_torque, use, None, None, travel, more, named("PERIOD"))
+            yield self._from_kernel(
+                REMEMBERS, memory_torque, use, None, None, at, travel, more, named("PERIOD")
+            )
         yield Block("What is not friction.", f"outside = {self._slot(layout.OFFSET)}")
         yield from self._from_kernels("torque", "outside = outside + {}", None, place)
 

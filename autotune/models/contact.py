@@ -161,24 +161,30 @@ def remembered(
     p: Floats,
     on: Flags,
     state: Floats,
+    at: int,
     position: float,
     displacement: float,
     velocity: float,
     duration: float,
 ) -> float:
-    """Torque of the hysteresis elements after a displacement [N m]; what multiplies the level does so with theirs."""
+    """Torque of the hysteresis elements after a displacement [N m]; what multiplies the level does so with theirs.
+
+    `at` is where the states of one side's elements begin.
+    """
     if not on[REMEMBERS]:
         return 0.0
     more = elements_carry(p, on, state, velocity)
-    return _level_factor(memory_torque(p, state, displacement, more, duration), p, on, state, position)
+    return _level_factor(memory_torque(p, state, at, displacement, more, duration), p, on, state, position)
 
 
 @compiled
-def remembered_damping(p: Floats, on: Flags, state: Floats, displacement: float, velocity: float) -> float:
+def remembered_damping(
+    p: Floats, on: Flags, state: Floats, at: int, displacement: float, velocity: float
+) -> float:
     """Damping of the hysteresis elements over a displacement, asked before they make it [N m s/rad]."""
     if on[REMEMBERS] and anywhere(p[DAMPING] > 0.0):
         part = faded_part(velocity, p[DAMPING_VELOCITY], p[DAMPING_TAIL])
-        return part * memory_damping(p, state, displacement, elements_carry(p, on, state, velocity))
+        return part * memory_damping(p, state, at, displacement, elements_carry(p, on, state, velocity))
     return 0.0
 
 
@@ -187,6 +193,7 @@ def remembered_in_motion(
     p: Floats,
     on: Flags,
     state: Floats,
+    at: int,
     position: float,
     displacement: float,
     velocity: float,
@@ -195,8 +202,8 @@ def remembered_in_motion(
     """Torque of the hysteresis elements after a displacement, with their damping at its end [N m]."""
     if not on[REMEMBERS]:
         return 0.0
-    damping = remembered_damping(p, on, state, displacement, velocity)
-    return remembered(p, on, state, position, displacement, velocity, duration) + damping * velocity
+    damping = remembered_damping(p, on, state, at, displacement, velocity)
+    return remembered(p, on, state, at, position, displacement, velocity, duration) + damping * velocity
 
 
 @compiled

@@ -24,12 +24,21 @@ from autotune.models.encoder_eccentricity import IS_ECCENTRIC, true_motion
 from autotune.models.lanes import along, anywhere, side_by_side
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
 from autotune.models.load_dependent_friction import IS_PRESSED, press
-from autotune.models.plant import MOST_SUBSTEPS, rubbing
+from autotune.models.plant import MOST_SUBSTEPS, kept_by_elements, rubbing
+from autotune.models.reversal_memory import (
+    ATTRACTION,
+    DAMPING,
+    ELEMENT_STATES,
+    REMEMBERS,
+    memory_stiffness,
+    side_of_elements,
+)
 from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
 from autotune.models.torque_saturation import bent
 from autotune.models.transmission import (
     LOAD_BRISTLE,
+    LOAD_ELEMENTS,
     LOAD_POSITION,
     LOAD_VELOCITY,
     RELAXED,
@@ -81,6 +90,7 @@ def _load_side(
     if anywhere(state[STARTED] == 0.0):
         state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, position, velocity
         state[POSITION], state[VELOCITY] = position, velocity
+    _, far = side_of_elements(p, rub)
     step = period / substeps
     start, rate = state[POSITION], state[VELOCITY]
     passed = 0.0
@@ -93,6 +103,10 @@ def _load_side(
         passed = passed_torque(stiffness, damping, half, impact, harder, twist, pace - speed)
         passed += relaxed(state, relaxing, fading, pace - speed, step)
         friction, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, state[LOAD_POSITION], speed, step)
+        if anywhere(far > 0.0):
+            held, damped = kept_by_elements(p, on, state, LOAD_ELEMENTS, state[LOAD_POSITION], speed, step)
+            friction += far * held
+            slope += far * damped
         later = speed + step * (passed - friction - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
         state[LOAD_POSITION] += 0.5 * step * (speed + later)
         state[LOAD_VELOCITY] = later
@@ -123,6 +137,7 @@ def required(
     loaded = has_load(on)
     between = between_masses(p, on)
     mass, rub, weight = between[:3]
+    near, _ = side_of_elements(p, rub)
     before = velocity[0]
     for k in range(len(position)):
         q, v, a = position[k], velocity[k], acceleration[k]
@@ -136,7 +151,7 @@ def required(
         friction *= stiffened(p, on, state, v)
         friction += viscous_coefficient(p, on, state, v) * v
         friction *= 1.0 - rub
-        friction += remembered_in_motion(p, on, state, q, period * mean, v, period)
+        friction += near * remembered_in_motion(p, on, state, ELEMENT_STATES, q, period * mean, v, period)
         outside = additive(p, on, q)
         if loaded:
             outside -= weight
@@ -193,10 +208,12 @@ def required_in_lanes(
 @compiled
 def _load_rate(p: Floats, on: Flags) -> float:
     mass, rub = load_shares(p, on)
-    inertia = p[INERTIA] * mass
+    inertia, stiffness, damping = p[INERTIA] * mass, p[STIFFNESS], p[MICRO_DAMPING]
+    if on[REMEMBERS] and p[ATTRACTION] > 0.0:
+        stiffness, damping = stiffness + memory_stiffness(p), damping + p[DAMPING]
     elastic = math.sqrt(coupling(p, on)[0] / inertia)
-    held = math.sqrt(p[STIFFNESS] * rub / inertia)
-    return float(max(max(elastic, held), 0.5 * p[MICRO_DAMPING] * rub / inertia))
+    held = math.sqrt(stiffness * rub / inertia)
+    return float(max(max(elastic, held), 0.5 * damping * rub / inertia))
 
 
 def load_substeps(p: Floats, on: Flags, period: float) -> int:

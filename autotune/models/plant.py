@@ -28,12 +28,19 @@ from autotune.models.encoder_eccentricity import IS_ECCENTRIC, reading_error
 from autotune.models.lanes import along, anywhere, shared_or_beside, side_by_side, where
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
 from autotune.models.load_dependent_friction import IS_PRESSED, press
-from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_stiffness
+from autotune.models.reversal_memory import (
+    DAMPING,
+    ELEMENT_STATES,
+    REMEMBERS,
+    memory_stiffness,
+    side_of_elements,
+)
 from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
 from autotune.models.torque_saturation import bent
 from autotune.models.transmission import (
     LOAD_BRISTLE,
+    LOAD_ELEMENTS,
     LOAD_POSITION,
     LOAD_VELOCITY,
     STARTED,
@@ -74,12 +81,22 @@ def rubbing(
 
 
 @compiled
+def kept_by_elements(
+    p: Floats, on: Flags, state: Floats, at: int, position: float, velocity: float, step: float
+) -> tuple[float, float]:
+    """What the hysteresis elements whose states begin at `at` hold back [N m], and its slope over velocity."""
+    damping = remembered_damping(p, on, state, at, step * velocity, velocity)
+    torque = remembered(p, on, state, at, position, step * velocity, velocity, step)
+    return torque + damping * velocity, damping
+
+
+@compiled
 def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> None:
     """One step of the rigid axis, in place."""
     position, velocity = state[POSITION], state[VELOCITY]
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0, position, velocity, step)
-    damping = remembered_damping(p, on, state, step * velocity, velocity)
-    friction += remembered(p, on, state, position, step * velocity, velocity, step) + damping * velocity
+    held, damping = kept_by_elements(p, on, state, ELEMENT_STATES, position, velocity, step)
+    friction += held
     slope += damping
     outside = additive(p, on, position + 0.5 * step * velocity)
     later = velocity + step * (drive - outside - friction) / (p[INERTIA] + 0.5 * step * slope)
@@ -110,13 +127,18 @@ def two_masses(
     passed = passed_torque(stiffness, damping, half, impact, harder, twist, velocity - speed)
     passed += relaxed(state, relaxing, fading, velocity - speed, step)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
-    held = remembered_damping(p, on, state, step * velocity, velocity)
-    friction += remembered(p, on, state, position, step * velocity, velocity, step) + held * velocity
-    slope += held
+    near, far = side_of_elements(p, rub)
+    held, damped = kept_by_elements(p, on, state, ELEMENT_STATES, position, velocity, step)
+    friction += near * held
+    slope += near * damped
     outside = additive(p, on, position + 0.5 * step * velocity) - weight
     inertia = p[INERTIA] * (1.0 - mass)
     later = velocity + step * (drive - outside - friction - passed) / (inertia + 0.5 * step * slope)
     carried, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, beyond, speed, step)
+    if anywhere(far > 0.0):
+        held, damped = kept_by_elements(p, on, state, LOAD_ELEMENTS, beyond, speed, step)
+        carried += far * held
+        slope += far * damped
     faster = speed + step * (passed - carried - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
     state[POSITION], state[VELOCITY] = position + 0.5 * step * (velocity + later), later
     state[LOAD_POSITION], state[LOAD_VELOCITY] = beyond + 0.5 * step * (speed + faster), faster

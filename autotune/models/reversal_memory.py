@@ -35,7 +35,8 @@ from autotune.models.start_values import StartContext, StartValues, Vary
 
 ELEMENTS = 10
 _AT = block("reversal_memory")
-_STATE = state_block("reversal_memory")
+ELEMENT_STATES = state_block("reversal_memory")
+"""Where those of the elements begin; at a load beyond a transmission there are others (`transmission`)."""
 REMEMBERS = flag("reversal_memory")
 DAMPING = _AT + 2 * ELEMENTS
 YIELDING = DAMPING + 1
@@ -100,8 +101,10 @@ def _element(number: int) -> tuple[Parameter, ...]:
 
 
 @compiled
-def memory_torque(p: Floats, state: Floats, displacement: float, more: float, duration: float) -> float:
-    """Moves all elements by `displacement` in `duration` [s] and returns what they carry [N m].
+def memory_torque(
+    p: Floats, state: Floats, at: int, displacement: float, more: float, duration: float
+) -> float:
+    """Moves the elements whose states begin at `at` by `displacement` in `duration` [s]; what they carry [N m].
 
     Those of a contact slide at `more` times what they are said to carry (`more_to_carry`).
     """
@@ -113,21 +116,31 @@ def memory_torque(p: Floats, state: Floats, displacement: float, more: float, du
         limit = p[_AT + 2 * i]
         if not anywhere(limit > 0.0):
             break
-        z = state[_STATE + i] + displacement
+        z = state[at + i] + displacement
         if anywhere(p[YIELDING] > 0.0):
             some = where(limit > 0.0, limit, 1.0)
             part = where(p[YIELDING] > 0.0, p[YIELDING], 1.0)
             end = where(displacement < 0.0, -some / part, some / part)
-            bent = end + (state[_STATE + i] - end) * math.exp(-part * abs(displacement) / some)
+            bent = end + (state[at + i] - end) * math.exp(-part * abs(displacement) / some)
             z = where(p[YIELDING] > 0.0, bent, z)
         most = limit
         if anywhere(p[ATTRACTION] > 0.0):
             most = limit * more
-            most = most + max(abs(state[_STATE + i]) - most, 0.0) * kept
+            most = most + max(abs(state[at + i]) - most, 0.0) * kept
         z = min(max(z, -most), most)
-        state[_STATE + i] = z
+        state[at + i] = z
         total += where(limit > 0.0, p[_AT + 2 * i + 1] * z / limit, 0.0)
     return total
+
+
+@compiled
+def side_of_elements(p: Floats, share: float) -> tuple[float, float]:
+    """Parts of the elements on the motor and on a load that has so much of the friction.
+
+    Those that are the contact itself are on both, as its bristle is; those beside a contact are on the motor.
+    """
+    load = where(p[ATTRACTION] > 0.0, share, 0.0)
+    return 1.0 - load, load
 
 
 @compiled
@@ -150,8 +163,8 @@ def memory_stiffness(p: Floats) -> float:
 
 
 @compiled
-def memory_damping(p: Floats, state: Floats, displacement: float, more: float) -> float:
-    """Damping of the elements over a displacement that they have yet to make [N m s/rad]; `more` as in `memory_torque`.
+def memory_damping(p: Floats, state: Floats, at: int, displacement: float, more: float) -> float:
+    """Damping of elements over a displacement that they have yet to make [N m s/rad]; the rest as in `memory_torque`.
 
     Each has the share of its stiffness, for that part of the way on which it sticks; of what yields, as it is now.
     """
@@ -163,7 +176,7 @@ def memory_damping(p: Floats, state: Floats, displacement: float, more: float) -
         if not anywhere(limit > 0.0):
             break
         stiffness = where(limit > 0.0, p[_AT + 2 * i + 1] / limit, 0.0)
-        bent = where(displacement < 0.0, -state[_STATE + i], state[_STATE + i])
+        bent = where(displacement < 0.0, -state[at + i], state[at + i])
         most = limit
         if anywhere(p[ATTRACTION] > 0.0):
             most = limit * more

@@ -29,6 +29,8 @@ from autotune.models.layout import INERTIA, OFFSET, state_block
 _STATE = state_block(ELASTIC_TRANSMISSION.name)
 LOAD_POSITION, LOAD_VELOCITY, LOAD_BRISTLE, STARTED = _STATE, _STATE + 1, _STATE + 2, _STATE + 3
 RELAXED = _STATE + 4
+LOAD_ELEMENTS = _STATE + 5
+"""Where the states of a contact's elements at the load begin (`reversal_memory`)."""
 BETWEEN = frozenset(
     parameter.slot for kind in (ELASTIC_TRANSMISSION, BACKLASH) for parameter in kind.parameters
 )

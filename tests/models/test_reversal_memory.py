@@ -20,6 +20,7 @@ from autotune.models.reversal_memory import (
     AT_ONCE,
     ATTRACTION,
     DAMPING,
+    ELEMENT_STATES,
     REMEMBERS,
     REVERSAL_MEMORY,
     beyond_a_decade,
@@ -214,7 +215,7 @@ def test_contacts_that_join_each_other_without_a_gap_are_one_base(
 
 def slid(p: Floats, state: Floats, more: float, duration: float) -> float:
     """What elements carry that are pushed on over a way longer than all of them have."""
-    return memory_torque(p, state, 1.0, more, duration)
+    return memory_torque(p, state, ELEMENT_STATES, 1.0, more, duration)
 
 
 @pytest.mark.parametrize(("attraction", "part"), [(50.0, math.exp(-0.5)), (AT_ONCE, 0.0), (0.0, 0.0)])
@@ -227,7 +228,7 @@ def test_elements_of_a_contact_follow_its_level_and_come_down_to_it_in_their_tim
     assert slid(p, state, 1.4, 0.01) == pytest.approx(raised * whole)
     assert slid(p, state, 1.0, 0.01) == pytest.approx((1.0 + (raised - 1.0) * part) * whole)
     held = slid(p, state, 1.4, 0.01)
-    assert memory_torque(p, state, -1e-4, 1.4, 0.01) == pytest.approx(
+    assert memory_torque(p, state, ELEMENT_STATES, -1e-4, 1.4, 0.01) == pytest.approx(
         held - 40.0 * 1e-4
     )  # turned, all unload
 
@@ -245,7 +246,9 @@ def test_what_is_added_to_the_level_is_added_once_whoever_carries_it(attraction:
     assert torque[-1] == pytest.approx(
         whole + NOMINAL["viscous"] * speed + NOMINAL.get("offset", 0.0), rel=1e-6
     )
-    carried = memory_torque(packed.p, state, 0.0, elements_carry(packed.p, packed.on, state, speed), 0.1)
+    carried = memory_torque(
+        packed.p, state, ELEMENT_STATES, 0.0, elements_carry(packed.p, packed.on, state, speed), 0.1
+    )
     rise = 0.05 / (NOMINAL["coulomb"] + 0.13)
     assert carried == pytest.approx(0.13 * (1.0 + rise if shared else 1.0), rel=1e-5)
 
@@ -273,8 +276,8 @@ def memory(**changed: float) -> DriveModel:
 )
 def test_an_element_damps_while_it_sticks(bent: float, way: float, damping: float, sign: float) -> None:
     p, state = memory().pack().p, np.zeros(layout.STATES)
-    memory_torque(p, state, sign * bent, 1.0, 1e-3)
-    assert memory_damping(p, state, sign * way, 1.0) == pytest.approx(damping, rel=1e-9)
+    memory_torque(p, state, ELEMENT_STATES, sign * bent, 1.0, 1e-3)
+    assert memory_damping(p, state, ELEMENT_STATES, sign * way, 1.0) == pytest.approx(damping, rel=1e-9)
 
 
 def test_the_torque_of_a_small_motion_has_the_damping_of_all_elements() -> None:
@@ -335,7 +338,7 @@ def _bent(yielding: float, begin: float, way: float, number: int = 1) -> float:
     p, state = memory(yielding=yielding).pack().p, np.zeros(layout.STATES)
     at = layout.state_block("reversal_memory") + number - 1
     state[at] = begin
-    memory_torque(p, state, way, 1.0, 1e-3)
+    memory_torque(p, state, ELEMENT_STATES, way, 1.0, 1e-3)
     return float(state[at])
 
 
@@ -356,8 +359,8 @@ def test_elements_that_yield_forget_on_the_way_what_others_keep() -> None:
     left = []
     for yielding in (0.0, 1.0):
         p, state = memory(yielding=yielding).pack().p, np.zeros(layout.STATES)
-        memory_torque(p, state, 0.1, 1.0, 1e-3)
-        swings = [memory_torque(p, state, step, 1.0, 1e-3) for step in [-1e-4, 1e-4] * 1000]
+        memory_torque(p, state, ELEMENT_STATES, 0.1, 1.0, 1e-3)
+        swings = [memory_torque(p, state, ELEMENT_STATES, step, 1.0, 1e-3) for step in [-1e-4, 1e-4] * 1000]
         left.append(sum(swings[-2:]) / (DAMPED["torque_1"] + DAMPED["torque_2"]) / 2.0)
     assert left[0] > 0.9
     assert left[1] == pytest.approx(0.0, abs=0.02)
@@ -374,9 +377,9 @@ def test_a_yielding_contact_of_one_element_climbs_as_a_bristle_does() -> None:
 def test_yielding_elements_are_damped_less_the_further_they_are_bent() -> None:
     p, state = memory(yielding=0.5).pack().p, np.zeros(layout.STATES)
     bent = [_bent(0.5, 0.0, 5e-4, number) / DAMPED[f"displacement_{number}"] for number in (1, 2)]
-    memory_torque(p, state, 5e-4, 1.0, 1e-3)
+    memory_torque(p, state, ELEMENT_STATES, 5e-4, 1.0, 1e-3)
     expected = 0.06 * (1.0 - 0.5 * bent[0]) + 0.02 * (1.0 - 0.5 * bent[1])
-    assert memory_damping(p, state, 1e-6, 1.0) == pytest.approx(expected, rel=1e-9)
+    assert memory_damping(p, state, ELEMENT_STATES, 1e-6, 1.0) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(
