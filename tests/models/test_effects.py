@@ -19,6 +19,7 @@ from autotune.models.encoder_eccentricity import parts, reading_error, true_moti
 from autotune.models.inverse import applied_torque, load_substeps, required
 from autotune.models.load_dependent_friction import PRESSED
 from autotune.models.plant import simulate, substeps_for
+from autotune.models.reversal_memory import AT_ONCE
 from autotune.models.table import EFFECTS
 from autotune.models.torque_saturation import bent, saturated, torque_slope
 
@@ -170,6 +171,19 @@ def test_the_inverse_gives_back_the_torque(effect: str) -> None:
     position = _forward(model, torque)
     right = np.sqrt(np.mean(_residual(model, torque, position) ** 2))
     assert right < (1.2e-2 if effect in CHAOTIC else 2.5e-3)
+
+
+@pytest.mark.parametrize("effect", sorted(CHAOTIC))
+def test_the_inverse_gives_back_the_torque_where_a_contact_of_elements_is_on_both_sides(effect: str) -> None:
+    """As well as where a bristle is; with the elements on the motor alone it is another axis."""
+    elements = VALUES["reversal_memory"] | {"attraction": AT_ONCE}
+    model = _model(effect).with_effect(EFFECTS["reversal_memory"].make(elements))
+    beside = _model(effect).with_effect(EFFECTS["reversal_memory"].make(elements | {"attraction": 0.0}))
+    torque = 1.2 * _drive()
+    position = _forward(model, torque)
+    right, wrong = (np.sqrt(np.mean(_residual(one, torque, position) ** 2)) for one in (model, beside))
+    assert right < 1.2e-2
+    assert wrong > 1.2 * right
 
 
 @pytest.mark.parametrize("effect", list(EFFECTS))

@@ -253,6 +253,40 @@ def test_what_is_added_to_the_level_is_added_once_whoever_carries_it(attraction:
     assert carried == pytest.approx(0.13 * (1.0 + rise if shared else 1.0), rel=1e-5)
 
 
+@pytest.mark.parametrize(("attraction", "behind"), [(AT_ONCE, True), (0.0, False)])
+def test_the_elements_of_a_contact_are_behind_a_gap_with_its_friction(
+    attraction: float, behind: bool
+) -> None:
+    """A motor swings in the gap before a load with all friction: what is the contact is not moved, a memory is.
+
+    Beyond the gap a slow motion carries the friction of both sides, whoever has it.
+    """
+    gap = {"gap": 0.2, "contact_compliance": 1e-4, "load_inertia": 0.4, "load_friction": 1.0, "damping": 0.3}
+    slack = memory(attraction=attraction, damping=0.01).with_effect(EFFECTS["backlash"].make(gap))
+    packed, time = slack.pack(), np.arange(4000) * 1e-3
+    swing = 0.05 * np.sin(2.0 * np.pi * time)
+    torque = slack.torque(swing, np.gradient(swing, 1e-3), 0.0 * time, 1e-3) - packed.p[layout.OFFSET]
+    elements = DAMPED["torque_1"] + DAMPED["torque_2"]
+    assert np.ptp(torque[1000:]) == pytest.approx(
+        0.0 if behind else 2.0 * elements, rel=0.05, abs=0.02 * elements
+    )
+    way = 0.5 * time
+    on = slack.torque(way, np.full(len(way), 0.5), 0.0 * time, 1e-3) - packed.p[layout.OFFSET]
+    friction = NOMINAL["coulomb"] + elements + 0.5 * NOMINAL["viscous"]
+    assert on[-1] == pytest.approx(friction, rel=0.01)
+
+
+def test_a_contact_of_elements_on_both_sides_of_a_hard_spring_is_that_of_one_mass() -> None:
+    spring = {"compliance": 1e-4, "load_inertia": 0.4, "load_friction": 0.6, "damping": 0.5}
+    rigid = memory(attraction=AT_ONCE, damping=0.01)
+    parted = rigid.with_effect(EFFECTS["elastic_transmission"].make(spring))
+    time = np.arange(3000) * 1e-3
+    place = 0.05 * np.sin(2.0 * np.pi * time)
+    motion = (place, np.gradient(place, 1e-3), -((2.0 * np.pi) ** 2) * place, 1e-3)
+    whole = NOMINAL["coulomb"] + DAMPED["torque_1"] + DAMPED["torque_2"]
+    np.testing.assert_allclose(parted.torque(*motion)[500:], rigid.torque(*motion)[500:], atol=0.02 * whole)
+
+
 DAMPED = {"displacement_1": 1e-3, "torque_1": 0.03, "displacement_2": 0.01, "torque_2": 0.1, "damping": 0.08}
 """30 and 10 N m/rad: three quarters and one quarter of the damping."""
 
