@@ -51,7 +51,12 @@ def import_(
     ] = False,
     torque_limit: Annotated[float | None, typer.Option(help="Where the drive clamps its torque.")] = None,
     controller: Annotated[
-        str | None, typer.Option(metavar="'pid kp=… kd=… ki=…'", help="Gains of the position controller.")
+        str | None,
+        typer.Option(
+            metavar="'pid kp=… kd=… ki=…'",
+            help="Gains of the position controller; derivative_filter=… too, the share of a new difference "
+            "in the filtered one.",
+        ),
     ] = None,
     experiment: Annotated[
         str | None,

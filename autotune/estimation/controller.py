@@ -709,7 +709,11 @@ def _replaced(named: PositionController, found: PositionController) -> str:
             left
             + f"Its gains are the same: the file has the torque {rows} late, and the gains need no mending."
         )
-    return left + "Mend the gains in the file."
+    if same:
+        return left + "Its gains are the same: what differs is a filter of the derivative or a feedforward."
+    return (
+        left + "Mend the gains in the file, or name its derivative_filter; a feedforward can differ so too."
+    )
 
 
 def _checked(samples: LoopSamples, known: Controller) -> PositionController:

@@ -81,6 +81,12 @@ def test_gains_that_are_right_in_a_file_whose_torque_is_late_need_no_mending() -
     assert "a row late, and the gains need no mending" in " ".join(found.notes)
 
 
+def test_gains_that_are_right_need_no_mending_where_a_filter_is_not_named() -> None:
+    found = controller_of(recorded(TRUE, replace(OF_TRUE, derivative_filter=1.0)))
+    assert found.source == "identified"
+    assert "gains are the same: what differs is a filter" in " ".join(found.notes)
+
+
 @pytest.mark.parametrize(
     "named",
     [replace(OF_TRUE, kp=1.1 * TRUE.kp), replace(OF_TRUE, kd=0.9 * TRUE.kd), Controller(1.0, 2.0, 3.0, 0.4)],
