@@ -51,12 +51,7 @@ def import_(
     ] = False,
     torque_limit: Annotated[float | None, typer.Option(help="Where the drive clamps its torque.")] = None,
     controller: Annotated[
-        str | None,
-        typer.Option(
-            metavar="'pid kp=… kd=… ki=…'",
-            help="Gains of the position controller; derivative_filter=… too, the share of a new difference "
-            "in the filtered one.",
-        ),
+        str | None, typer.Option(metavar="'pid kp=… kd=… ki=…'", help="Its gains; derivative_filter=… too.")
     ] = None,
     experiment: Annotated[
         str | None,
