@@ -189,7 +189,7 @@ def remembered_damping(
 
 
 @compiled
-def remembered_in_motion(
+def kept_by_elements(
     p: Floats,
     on: Flags,
     state: Floats,
@@ -198,12 +198,11 @@ def remembered_in_motion(
     displacement: float,
     velocity: float,
     duration: float,
-) -> float:
-    """Torque of the hysteresis elements after a displacement, with their damping at its end [N m]."""
-    if not on[REMEMBERS]:
-        return 0.0
+) -> tuple[float, float]:
+    """What one side's hysteresis elements hold back after a displacement [N m], and its slope over velocity."""
     damping = remembered_damping(p, on, state, at, displacement, velocity)
-    return remembered(p, on, state, at, position, displacement, velocity, duration) + damping * velocity
+    torque = remembered(p, on, state, at, position, displacement, velocity, duration)
+    return torque + damping * velocity, damping
 
 
 @compiled

@@ -16,7 +16,7 @@ from autotune.models.contact import (
     bending,
     bristle_damping,
     friction_limit,
-    remembered_in_motion,
+    kept_by_elements,
     stiffened,
     viscous_coefficient,
 )
@@ -24,7 +24,7 @@ from autotune.models.encoder_eccentricity import IS_ECCENTRIC, true_motion
 from autotune.models.lanes import along, anywhere, side_by_side
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
 from autotune.models.load_dependent_friction import IS_PRESSED, press
-from autotune.models.plant import MOST_SUBSTEPS, kept_by_elements, rubbing
+from autotune.models.plant import MOST_SUBSTEPS, rubbing
 from autotune.models.reversal_memory import (
     ATTRACTION,
     DAMPING,
@@ -104,7 +104,8 @@ def _load_side(
         passed += relaxed(state, relaxing, fading, pace - speed, step)
         friction, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, state[LOAD_POSITION], speed, step)
         if anywhere(far > 0.0):
-            held, damped = kept_by_elements(p, on, state, LOAD_ELEMENTS, state[LOAD_POSITION], speed, step)
+            place, way = state[LOAD_POSITION], step * speed
+            held, damped = kept_by_elements(p, on, state, LOAD_ELEMENTS, place, way, speed, step)
             friction += far * held
             slope += far * damped
         later = speed + step * (passed - friction - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
@@ -151,7 +152,8 @@ def required(
         friction *= stiffened(p, on, state, v)
         friction += viscous_coefficient(p, on, state, v) * v
         friction *= 1.0 - rub
-        friction += near * remembered_in_motion(p, on, state, ELEMENT_STATES, q, period * mean, v, period)
+        held, _ = kept_by_elements(p, on, state, ELEMENT_STATES, q, period * mean, v, period)
+        friction += near * held
         outside = additive(p, on, q)
         if loaded:
             outside -= weight

@@ -19,8 +19,7 @@ from autotune.models.contact import (
     bending,
     bristle_damping,
     damping_slope,
-    remembered,
-    remembered_damping,
+    kept_by_elements,
     stiffened,
     viscous_coefficient,
 )
@@ -81,21 +80,12 @@ def rubbing(
 
 
 @compiled
-def kept_by_elements(
-    p: Floats, on: Flags, state: Floats, at: int, position: float, velocity: float, step: float
-) -> tuple[float, float]:
-    """What the hysteresis elements whose states begin at `at` hold back [N m], and its slope over velocity."""
-    damping = remembered_damping(p, on, state, at, step * velocity, velocity)
-    torque = remembered(p, on, state, at, position, step * velocity, velocity, step)
-    return torque + damping * velocity, damping
-
-
-@compiled
 def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> None:
     """One step of the rigid axis, in place."""
     position, velocity = state[POSITION], state[VELOCITY]
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0, position, velocity, step)
-    held, damping = kept_by_elements(p, on, state, ELEMENT_STATES, position, velocity, step)
+    way = step * velocity
+    held, damping = kept_by_elements(p, on, state, ELEMENT_STATES, position, way, velocity, step)
     friction += held
     slope += damping
     outside = additive(p, on, position + 0.5 * step * velocity)
@@ -128,7 +118,8 @@ def two_masses(
     passed += relaxed(state, relaxing, fading, velocity - speed, step)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
     near, far = side_of_elements(p, rub)
-    held, damped = kept_by_elements(p, on, state, ELEMENT_STATES, position, velocity, step)
+    way = step * velocity
+    held, damped = kept_by_elements(p, on, state, ELEMENT_STATES, position, way, velocity, step)
     friction += near * held
     slope += near * damped
     outside = additive(p, on, position + 0.5 * step * velocity) - weight
@@ -136,7 +127,7 @@ def two_masses(
     later = velocity + step * (drive - outside - friction - passed) / (inertia + 0.5 * step * slope)
     carried, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, beyond, speed, step)
     if anywhere(far > 0.0):
-        held, damped = kept_by_elements(p, on, state, LOAD_ELEMENTS, beyond, speed, step)
+        held, damped = kept_by_elements(p, on, state, LOAD_ELEMENTS, beyond, step * speed, speed, step)
         carried += far * held
         slope += far * damped
     faster = speed + step * (passed - carried - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
