@@ -104,13 +104,15 @@ class Backward:
         Its error falls beyond chance, second by second; or, where a few seconds hold it all, what is explained there of
         the rest is enough for a name with nothing excused. Beside effects that leave a part, a free course takes up
         what is the twin's own wherever it was fitted; elsewhere that is put down to the measurement chain, and of next
-        to nothing all is explained.
+        to nothing all is explained. What makes up most of what all explain is no crumb: half of the rest is enough.
         """
-        if not (self.evidence.repeats and self.problem.has_veto):
+        problem, policy = self.problem, self.problem.policy
+        if not (self.evidence.repeats and problem.has_veto):
             return True
-        beside = explained_beside(self.problem, less, model_fit, VETO)
-        enough = beside.plain_share >= self.problem.policy.named
-        return enough or falls_on_veto(self.problem, less, model_fit)
+        beside = explained_beside(problem, less, model_fit, VETO)
+        lost, all_lost = (one.fitted.cost - model_fit.fitted.cost for one in (less, self.root))
+        enough = policy.partly if lost > policy.partly * all_lost else policy.named
+        return beside.plain_share >= enough or falls_on_veto(problem, less, model_fit)
 
     def without_stiff_load(self, chosen: FittedCandidate) -> FittedCandidate:
         """The chosen model without its transmission where that tells only on which side torques press a contact."""

@@ -30,6 +30,7 @@ from autotune.models.drive_model import (
     surface_parameter,
 )
 from autotune.models.effect import Effect, Kind, Parameter
+from autotune.models.stribeck import slowest_fall
 from autotune.models.table import EFFECTS
 from autotune.signals.chunks import beyond_chance
 
@@ -209,8 +210,10 @@ def _free(parameter: Parameter, surface: str, value: float, scales: Scales) -> F
     scale = max(0.3 * abs(value), 0.1 * typical) if value else typical
     bounded = parameter.lower >= 0.0 and value > 0.0
     step = 0.6 * value if bounded else np.inf
-    bounds = parameter.lower, parameter.upper
-    return Free(surface, parameter.slot, *bounds, scale, step, above=parameter.above)
+    lower = parameter.lower
+    if parameter.slot == layout.STRIBECK_VELOCITY and not scales.steady:
+        lower = min(slowest_fall(scales.velocity), value)
+    return Free(surface, parameter.slot, lower, parameter.upper, scale, step, above=parameter.above)
 
 
 def model_from(

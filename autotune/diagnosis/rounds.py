@@ -422,12 +422,29 @@ def _second_look(
     if best is None or not problem.has_veto:
         return []
     if best.fitted.cost > enough:
-        return _loaded_on_veto(state, model_fit, left) if state.chosen is None else []
+        return _loaded_on_veto(state, model_fit, left) if state.chosen is None else _borne_out(state, best)
     state.progress(f"refit inside the twin: {best.effect}")
     fitted = inside_twin(problem, state.root, model_fit, best)
     if fitted is None:
         return []
     return [replace(fitted, gain=gain_on_veto(problem, model_fit, fitted.model_fit))]
+
+
+def _borne_out(state: SearchState, item: ScreenedCandidate) -> list[FittedCandidate]:
+    """A further candidate where only the veto trajectory refuses what is chosen, and bears the further one out.
+
+    The base may lack what shows most in other motion than that which was fitted: friction that falls with speed, beside
+    a memory that explains all of the training and nothing of the veto.
+    """
+    problem, chosen = state.problem, state.chosen
+    if chosen is None or chosen.named or chosen.veto is None or chosen.training.share < problem.policy.named:
+        return []
+    state.progress(f"refit inside the twin: {item.effect}")
+    fitted = inside_twin(problem, state.root, chosen.model_fit, item)
+    if fitted is None or not fitted.named or not falls_on_veto(problem, chosen.model_fit, fitted.model_fit):
+        return []
+    gain = gain_on_veto(problem, chosen.model_fit, fitted.model_fit)
+    return [replace(fitted, gain=gain)] if gain >= problem.policy.clear_gain else []
 
 
 def _loaded_on_veto(

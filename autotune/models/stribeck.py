@@ -6,6 +6,7 @@ curved (`nonlinear_viscous`), and a fall with the sign turned would stand for th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -24,8 +25,17 @@ SPEEDS = (1e-3, 1.0, 200)
 """Of the top speed, and how many: where it is looked whether friction falls."""
 
 
+def slowest_fall(top_speed: float) -> float:
+    """The lowest Stribeck velocity that a fit goes to: friction that has fallen at the slowest motion is dry friction.
+
+    There break-away changes nothing any more, and what is missing otherwise leads no fit back.
+    """
+    return SPEEDS[0] * top_speed
+
+
 def starts(c: StartContext) -> Iterator[StartValues]:
     """Several velocities, and the two shapes of Table 2.1 that differ most."""
+    slowest = -math.inf if c.constant_speeds else slowest_fall(c.speed)
     for share, exponent in ((0.01, 2.0), (0.05, 2.0), (0.03, 1.0)):
         speed = share * c.speed if not c.constant_speeds else 5.0 * share * c.speed
         yield StartValues(
@@ -36,7 +46,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
             },
             {
                 "break_away": Vary(0.1 * c.coulomb, 0.4 * c.coulomb),
-                "stribeck_velocity": Vary(0.3 * speed, 0.6 * speed),
+                "stribeck_velocity": Vary(0.3 * speed, 0.6 * speed, lower=slowest),
             },
         )
 
