@@ -651,25 +651,39 @@ def test_what_was_found_first_must_be_worth_having_beside_the_rest(
 
 
 @pytest.mark.parametrize(
-    ("excused", "falls", "has_veto", "repeats", "kept"),
+    ("excused", "falls", "has_veto", "repeats", "without", "kept"),
     [
-        (1.0, False, True, True, 1),
-        (1.0, True, True, True, 2),  # beyond chance, and as much by a law that differs
-        (0.1, False, True, True, 2),  # in a few seconds, next to all that is there
-        (1.0, False, False, True, 2),
-        (1.0, False, True, False, 2),
+        (0.9, False, True, True, 0.3, 1),
+        (0.9, True, True, True, 0.3, 2),  # beyond chance, and as much by a law that differs
+        (0.1, False, True, True, 0.3, 2),  # in a few seconds, next to all that is there
+        (0.9, False, True, True, 0.7, 2),  # most of what both explain is no crumb: half of the veto is enough
+        (1.1, False, True, True, 0.7, 1),
+        (0.9, False, False, True, 0.3, 2),
+        (0.9, False, True, False, 0.3, 2),
     ],
 )
 def test_what_the_veto_does_not_bear_out_goes_though_nothing_is_named_without_it(
-    monkeypatch: pytest.MonkeyPatch, excused: float, falls: bool, has_veto: bool, repeats: bool, kept: int
+    monkeypatch: pytest.MonkeyPatch,
+    excused: float,
+    falls: bool,
+    has_veto: bool,
+    repeats: bool,
+    without: float,
+    kept: int,
 ) -> None:
-    """A viscosity by films explained 96 % of what load dependence left, and of the veto all that was not excused."""
+    """A viscosity by films explained 96 % of what load dependence left, and of the veto all that was not excused.
 
-    def item(*effects: str, named: bool) -> SimpleNamespace:
-        return SimpleNamespace(effect=effects[-1], named=named, model_fit=SimpleNamespace(effects=effects))
+    Costs: 1.0 of the root, 0.1 of both, `without` the second.
+    """
 
-    both = item("load_dependent_friction", "nonlinear_viscous", named=True)
-    alone = item("load_dependent_friction", named=False)
+    def fit(cost: float, *effects: str) -> SimpleNamespace:
+        return SimpleNamespace(effects=effects, fitted=SimpleNamespace(cost=cost))
+
+    def item(cost: float, *effects: str, named: bool) -> SimpleNamespace:
+        return SimpleNamespace(effect=effects[-1], named=named, model_fit=fit(cost, *effects))
+
+    both = item(0.1, "load_dependent_friction", "nonlinear_viscous", named=True)
+    alone = item(without, "load_dependent_friction", named=False)
     part = Explained(1.0, 0.0, excused=excused)
     monkeypatch.setattr(backward, "explained_beside", lambda _, *__: part)
     monkeypatch.setattr(backward, "falls_on_veto", lambda *_: falls)
@@ -678,7 +692,7 @@ def test_what_the_veto_does_not_bear_out_goes_though_nothing_is_named_without_it
     monkeypatch.setattr(backward, "without_effect", lambda *told: alone if "viscous" in told[-1] else None)
     problem = SimpleNamespace(policy=POLICY, has_veto=has_veto)
     evidence = SimpleNamespace(repeats=repeats)
-    found = backward.Backward(problem, None, evidence, no_progress).pruned(both, ())
+    found = backward.Backward(problem, fit(1.0), evidence, no_progress).pruned(both, ())
     assert len(found.model_fit.effects) == kept
 
 

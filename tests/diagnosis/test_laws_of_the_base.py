@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.candidates import free_of_model, no_progress
 from autotune.diagnosis.contact_laws import goes_on, without_memory, without_tail
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.found_model import found_model
@@ -20,7 +20,7 @@ from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import beyond_presliding
 from autotune.estimation.data import TRAINING
 from autotune.estimation.least_squares import Free, standard_errors
-from autotune.estimation.problem import Problem
+from autotune.estimation.problem import Problem, Scales
 from autotune.models.drive_model import DriveModel, Packed, base_model
 from autotune.models.layout import COULOMB, MICRO_DAMPING, STIFFNESS
 from autotune.models.reversal_memory import ATTRACTION, DAMPING, REMEMBERS, REVERSAL_MEMORY
@@ -354,3 +354,22 @@ def test_an_effect_keeps_its_name_whatever_friction_at_once_leaves_near_reversal
     assert found.sliding is not None
     assert found.chosen is not None
     assert found.chosen.named
+
+
+@pytest.mark.parametrize(
+    ("velocity", "steady", "least"),
+    [
+        (0.5, False, 0.01),
+        (0.004, False, 0.004),  # a model that was given is not moved
+        (0.5, True, 1e-7),  # speeds of a curve lie decades apart
+    ],
+)
+def test_friction_that_has_fallen_at_the_slowest_motion_is_not_fitted(
+    velocity: float, steady: bool, least: float
+) -> None:
+    """Where a second mass was missing, a fit led the Stribeck velocity to 1e-7 of what moves, and it stayed there."""
+    scales = Scales(torque=1.0, velocity=10.0, travel=1.0, acceleration=1.0, seconds=1.0, steady=steady)
+    values = {"break_away": 1.2, "stribeck_velocity": velocity}
+    free = free_of_model(base_model(NOMINAL).with_effect(STRIBECK.make(values)), scales)
+    (found,) = (one for one in free if one.slot == STRIBECK.slot("stribeck_velocity"))
+    assert found.lower == pytest.approx(least)

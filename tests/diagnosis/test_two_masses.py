@@ -260,6 +260,34 @@ def test_two_masses_that_gain_in_too_few_experiments_are_asked_of_the_veto_traje
     assert (_second_look(state, flat, [item], []) == [found]) == borne_out
 
 
+@pytest.mark.parametrize(
+    ("trained", "named", "fall", "asked"),
+    [
+        (1.0, True, 0.3, True),
+        (0.8, True, 0.3, False),  # the training refuses what is chosen, too
+        (1.0, False, 0.3, False),
+        (1.0, True, 0.05, False),  # of the veto's error
+    ],
+)
+def test_where_the_veto_alone_refuses_what_was_found_it_may_bear_out_a_further_effect(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, trained: float, named: bool, fall: float, asked: bool
+) -> None:
+    """A memory explained all of the training and nothing of the veto, which showed friction that falls with speed."""
+    problem, root, nominal = begun
+    told, untold = Explained(trained, 1.0 - trained), Explained(0.0, 1.0)
+    chosen = FittedCandidate("reversal_memory", root, 0.3, told, untold, named=False)
+    lower = np.where(problem.data.role(VETO), np.sqrt(1.0 - fall), 1.0) * root.fitted.error
+    after = replace(root, fitted=replace(root.fitted, error=lower), effects=("reversal_memory", "stribeck"))
+    found = FittedCandidate("stribeck", after, fall, told, told, named=named)
+    monkeypatch.setattr("autotune.diagnosis.rounds.inside_twin", lambda *_: found)
+    state = SearchState(problem, root, nominal, no_progress, RepeatedProgramme())
+    state.chosen = chosen
+    item = ScreenedCandidate("stribeck", root.fitted, 0.0, 0.06, 1.0)
+    again = _second_look(state, root, [item], [])
+    assert [one.effect for one in again] == ["stribeck"] * asked
+    assert not asked or again[0].gain == pytest.approx(fall, abs=1e-6)
+
+
 def test_a_step_into_an_unstable_twin_is_not_taken(begun: Begun) -> None:
     problem, root, nominal = begun
     held = root.correction.bias
