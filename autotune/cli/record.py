@@ -58,7 +58,8 @@ def record(
     if set_points:
         if out.suffix != ".csv":
             raise ConfigurationError(f"--out {out}: set points are written as .csv")
-        answer(_points_in(out, write_set_points(axis, programme, out, rivals)))
+        seconds = write_set_points(axis, programme, out, rivals)
+        answer(_points_in(out, seconds, axis.limits.machine_seconds))
         return
     confirmation(axis, yes, planned_programme(axis, programme, rivals), "record")
     with (
@@ -80,9 +81,14 @@ def record(
         answer("Decide with both: autotune model diagnose FIRST " + str(out) + " --model MODEL.toml")
 
 
-def _points_in(out: Path, seconds: float) -> str:
-    """What to do with a file of set points."""
+def _points_in(out: Path, seconds: float, most: float) -> str:
+    """What to do with a file of set points, and whether they move the axis for longer than `most` seconds."""
+    longer = (
+        f"; that is longer than the axis may move in one run (limits.machine_seconds = {most:g} s): play it in parts"
+        if seconds > most
+        else ""
+    )
     return (
-        f"{out}: set points of {seconds:.1f} s, to be played from rest at the middle of the travel; "
+        f"{out}: set points of {seconds:.1f} s, to be played from rest at the middle of the travel{longer}; "
         "with columns 'position' and 'torque' as measured beside them it is a recording"
     )

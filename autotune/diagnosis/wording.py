@@ -430,7 +430,7 @@ def unknown_note(
     found, least = (part.model_fit.effects, policy.partly) if part is not None else ((), WORTH_TELLING)
     near = [item for item in tried if item.effect not in found and item.share >= least]
     text = "Something repeatable is missing"
-    if part is not None:
+    if part is not None or any(item.training.share >= policy.named for item in tried):
         text += " that no known effect explains beyond doubt"
     else:
         text += " that none of the known effects explains" + " alone" * bool(near)

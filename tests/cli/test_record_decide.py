@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,20 @@ def test_what_a_rig_played_by_set_points_is_a_recording(tmp_path: Path) -> None:
     found = read_recording(tmp_path / "measured.csv")
     assert {"slow_scan", "scan", "veto"} <= set(found.experiment)
     assert {segment.repeat for segment in found.segments()} == {0, 1}
+
+
+@pytest.mark.parametrize(("most", "told"), [(30, True), (600, False)])
+def test_set_points_that_move_an_axis_for_longer_than_it_may_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], most: int, told: bool
+) -> None:
+    """Another rig plays them, and its time is not watched by this program."""
+    (tmp_path / "d.json").write_text(json.dumps(DOUBT))
+    axis = axis_in(tmp_path)
+    axis.write_text(re.sub(r"machine_seconds = \S+", f"machine_seconds = {most}", axis.read_text()))
+    words = ["record", str(axis), "decide", "--from", str(tmp_path / "d.json"), "--set-points"]
+    assert exit_code(*words, "--out", str(tmp_path / "points.csv")) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert (f"limits.machine_seconds = {most} s" in said) == told
 
 
 def test_set_points_that_depend_on_what_is_measured_are_refused(

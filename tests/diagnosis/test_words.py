@@ -230,6 +230,7 @@ def test_the_candidate_that_comes_nearest_is_told_as_it_is_listed(stopped: str, 
             "41 % of it.",
         ),
         (0.2, {"spring": 0.2}, "that none of the known effects explains."),
+        (0.0, {"spring": (1.0, 0.0)}, "that no known effect explains beyond doubt."),
         (
             0.95,
             {"spring": 0.95, "load_dependent_friction": 0.8, "stribeck": 0.3},
@@ -237,15 +238,22 @@ def test_the_candidate_that_comes_nearest_is_told_as_it_is_listed(stopped: str, 
             "load dependent friction explains 80 % of it instead.",
         ),
     ],
-    ids=["two halves", "nothing", "a rival"],
+    ids=["two halves", "nothing", "refused by the veto alone", "a rival"],
 )
 def test_what_is_unknown_is_told_with_all_that_come_near(
-    share: float, tried: dict[str, float], said: str
+    share: float, tried: dict[str, float | tuple[float, float]], said: str
 ) -> None:
-    """Two true effects of 41 and 48 % were "none of the known effects"; of two rivals only the wrong one was told."""
+    """Two true effects of 41 and 48 % were "none of the known effects"; of two rivals only the wrong one was told.
 
-    def item(effect: str, share: float) -> Any:
-        return SimpleNamespace(effect=effect, share=share, model_fit=SimpleNamespace(effects=(effect,)))
+    Shares of training and veto, or one of both.
+    """
+
+    def item(effect: str, share: float | tuple[float, float]) -> Any:
+        trained, least = (share, share) if isinstance(share, float) else (share[0], min(share))
+        own = SimpleNamespace(effects=(effect,))
+        return SimpleNamespace(
+            effect=effect, share=least, training=SimpleNamespace(share=trained), model_fit=own
+        )
 
     evidence: Any = SimpleNamespace(explains_part=lambda one: f"explains {100 * one.share:.0f} % of it")
     problem: Any = SimpleNamespace(policy=POLICY)
