@@ -30,7 +30,6 @@ from autotune.models.drive_model import (
     surface_parameter,
 )
 from autotune.models.effect import Effect, Kind, Parameter
-from autotune.models.stribeck import slowest_fall
 from autotune.models.table import EFFECTS
 from autotune.signals.chunks import beyond_chance
 
@@ -210,9 +209,8 @@ def _free(parameter: Parameter, surface: str, value: float, scales: Scales) -> F
     scale = max(0.3 * abs(value), 0.1 * typical) if value else typical
     bounded = parameter.lower >= 0.0 and value > 0.0
     step = 0.6 * value if bounded else np.inf
-    lower = parameter.lower
-    if parameter.slot == layout.STRIBECK_VELOCITY and not scales.steady:
-        lower = min(slowest_fall(scales.velocity), value)
+    least = parameter.lower if scales.steady else parameter.least(scales.velocity)
+    lower = max(parameter.lower, min(least, value))  # a model that was given is not moved
     return Free(surface, parameter.slot, lower, parameter.upper, scale, step, above=parameter.above)
 
 
@@ -316,6 +314,12 @@ def falls_on_veto(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
     weight = problem.weight * problem.data.role(VETO)
     fall = weight * (before.fitted.error**2 - after.fitted.error**2)
     return beyond_chance(fall[weight > 0.0], problem.policy.apart_z)
+
+
+def clearly_falls_on_veto(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether a model lowers the veto trajectory's error beyond chance, and by what counts as a clear gain."""
+    enough = gain_on_veto(problem, before, after) >= problem.policy.clear_gain
+    return enough and falls_on_veto(problem, before, after)
 
 
 def gain_on_veto(problem: Problem, before: ModelFit, after: ModelFit) -> float:

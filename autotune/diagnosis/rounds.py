@@ -17,11 +17,11 @@ from autotune.diagnosis.candidates import (
     ScreenedCandidate,
     again_explained,
     asked_for,
+    clearly_falls_on_veto,
     explained_beside,
     explained_of_rest,
     explains_rest,
     fall_in_repeats,
-    falls_on_veto,
     gain_on_veto,
     least_fall,
     plainer,
@@ -422,7 +422,9 @@ def _second_look(
     if best is None or not problem.has_veto:
         return []
     if best.fitted.cost > enough:
-        return _loaded_on_veto(state, model_fit, left) if state.chosen is None else _borne_out(state, best)
+        return (
+            _loaded_on_veto(state, model_fit, left) if state.chosen is None else _asked_of_veto(state, best)
+        )
     state.progress(f"refit inside the twin: {best.effect}")
     fitted = inside_twin(problem, state.root, model_fit, best)
     if fitted is None:
@@ -430,7 +432,7 @@ def _second_look(
     return [replace(fitted, gain=gain_on_veto(problem, model_fit, fitted.model_fit))]
 
 
-def _borne_out(state: SearchState, item: ScreenedCandidate) -> list[FittedCandidate]:
+def _asked_of_veto(state: SearchState, item: ScreenedCandidate) -> list[FittedCandidate]:
     """A further candidate where only the veto trajectory refuses what is chosen, and bears the further one out.
 
     The base may lack what shows most in other motion than that which was fitted: friction that falls with speed, beside
@@ -441,10 +443,11 @@ def _borne_out(state: SearchState, item: ScreenedCandidate) -> list[FittedCandid
         return []
     state.progress(f"refit inside the twin: {item.effect}")
     fitted = inside_twin(problem, state.root, chosen.model_fit, item)
-    if fitted is None or not fitted.named or not falls_on_veto(problem, chosen.model_fit, fitted.model_fit):
+    if fitted is None or not fitted.named:
         return []
-    gain = gain_on_veto(problem, chosen.model_fit, fitted.model_fit)
-    return [replace(fitted, gain=gain)] if gain >= problem.policy.clear_gain else []
+    if not clearly_falls_on_veto(problem, chosen.model_fit, fitted.model_fit):
+        return []
+    return [replace(fitted, gain=gain_on_veto(problem, chosen.model_fit, fitted.model_fit))]
 
 
 def _loaded_on_veto(
@@ -468,9 +471,7 @@ def _loaded_on_veto(
     fitted = inside_twin(problem, state.root, model_fit, best)
     if fitted is None or fitted.share < policy.partly:
         return []
-    if gain_on_veto(problem, model_fit, fitted.model_fit) < policy.clear_gain:
-        return []
-    return [fitted] if falls_on_veto(problem, model_fit, fitted.model_fit) else []
+    return [fitted] if clearly_falls_on_veto(problem, model_fit, fitted.model_fit) else []
 
 
 def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidate | None:

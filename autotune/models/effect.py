@@ -41,6 +41,7 @@ class Parameter:
             0: such a slow motion says next to nothing about it.
         like_offset: without presliding it can hardly be told from the offset; held at neutral where it is vague.
         above: place of the parameter that this one is never below in a fit; -1: none.
+        slowest: of the top speed: the lowest that a fit takes a speed to, as below nothing depends on it (`least`).
     """
 
     name: str
@@ -56,6 +57,11 @@ class Parameter:
     like_offset: bool = False
     refined: float = 0.0
     above: int = -1
+    slowest: float = 0.0
+
+    def least(self, top_speed: float) -> float:
+        """The lower bound of a fit to motion up to `top_speed` [rad/s or m/s]."""
+        return max(self.lower, self.slowest * top_speed) if self.slowest > 0.0 else self.lower
 
     def unit_for(self, motion_unit: str, torque_unit: str = "") -> str:
         """Unit on an axis whose motion is in `motion_unit`: N m, kg m² and rad become N, kg and m.

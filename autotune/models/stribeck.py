@@ -22,20 +22,12 @@ EXPONENT = block("stribeck")
 TAIL = EXPONENT + 1
 FALLS = flag("stribeck")
 SPEEDS = (1e-3, 1.0, 200)
-"""Of the top speed, and how many: where it is looked whether friction falls."""
-
-
-def slowest_fall(top_speed: float) -> float:
-    """The lowest Stribeck velocity that a fit goes to: friction that has fallen at the slowest motion is dry friction.
-
-    There break-away changes nothing any more, and what is missing otherwise leads no fit back.
-    """
-    return SPEEDS[0] * top_speed
+"""Of the top speed, and how many: where it is looked whether friction falls. What has fallen below them is dry."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
     """Several velocities, and the two shapes of Table 2.1 that differ most."""
-    slowest = -math.inf if c.constant_speeds else slowest_fall(c.speed)
+    slowest = -math.inf if c.constant_speeds else STRIBECK.parameter("stribeck_velocity").least(c.speed)
     for share, exponent in ((0.01, 2.0), (0.05, 2.0), (0.03, 1.0)):
         speed = share * c.speed if not c.constant_speeds else 5.0 * share * c.speed
         yield StartValues(
@@ -76,7 +68,14 @@ STRIBECK = Kind(
             "break_away", "N m", 0.0, 0.0, 1e6, "torque needed to start moving", BREAK_AWAY, above=COULOMB
         ),
         Parameter(
-            "stribeck_velocity", "rad/s", 1.0, 1e-7, 1e3, "speed at which it has fallen", STRIBECK_VELOCITY
+            "stribeck_velocity",
+            "rad/s",
+            1.0,
+            1e-7,
+            1e3,
+            "speed at which it has fallen",
+            STRIBECK_VELOCITY,
+            slowest=SPEEDS[0],
         ),
         Parameter(
             "stribeck_exponent", "1", 2.0, 0.3, 4.0, "shape: 2 Gaussian, 1 exponential", EXPONENT, True
