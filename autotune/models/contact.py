@@ -144,15 +144,25 @@ def bending(p: Floats, bristle: float, velocity: float, limit: float) -> float:
 
 @compiled
 def bend(
-    p: Floats, on: Flags, state: Floats, at: int, position: float, velocity: float, duration: float
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    at: int,
+    share: float,
+    position: float,
+    velocity: float,
+    duration: float,
 ) -> float:
-    """Moves the bristle that is in state `at` for `duration`; returns its limit g."""
+    """Moves the bristle that is in state `at` for `duration`; returns its limit g.
+
+    `share` is the side's part of the friction: what both sides do to one contact is their mean.
+    """
     limit = friction_limit(p, on, state, position, velocity)
     before = state[at]
     state[at] = bent(p, before, velocity, limit, duration)
     if on[AGES]:
         slip = abs(velocity * duration - (state[at] - before))
-        grow_older(p, state, slip, abs(velocity * duration), duration)
+        grow_older(p, state, slip, abs(velocity * duration), duration, share)
     return limit
 
 

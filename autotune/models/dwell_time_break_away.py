@@ -45,14 +45,18 @@ def stiffening(p: Floats, state: Floats, velocity: float) -> float:
 
 
 @compiled
-def grow_older(p: Floats, state: Floats, slip: float, way: float, duration: float) -> None:
-    """Lets the contact rest for `duration` [s] and slip by `slip` of its `way` [rad], which bends the bristle too."""
+def grow_older(p: Floats, state: Floats, slip: float, way: float, duration: float, part: float = 1.0) -> None:
+    """Lets the contact rest for `duration` [s] and slip by `slip` of its `way` [rad], which bends the bristle too.
+
+    So does a `part` of the contact.
+    """
     slip += p[_AT + 8] * (way - slip)
-    lost = slip / p[_AT + 2]
+    lost = part * slip / p[_AT + 2]
     rest = duration + 0.0 * lost
     if anywhere(p[_AT + 7] > 0.0):
         faster = slip / (p[_AT + 7] * duration)
         rest = where(p[_AT + 7] > 0.0, duration * math.exp(-faster * faster), rest)
+    rest *= part
     gain = rest / p[_AT + 1]
     state[AGE] = (state[AGE] + gain) / (1.0 + gain + lost)
     for i in range(1, AGES_MOST):

@@ -81,8 +81,9 @@ def _load_side(
     velocity: float,
     period: float,
     substeps: int,
-) -> float:
-    """Moves the load behind a motor that reaches `position` with `velocity`; returns the torque passed.
+) -> tuple[float, float]:
+    """Moves the load behind a motor that reaches `position` with `velocity`; returns the torque passed [N m] and what
+    friction at the load heats [W].
 
     `between` is what `between_masses` gives.
     """
@@ -93,7 +94,7 @@ def _load_side(
     _, far = side_of_elements(p, rub)
     step = period / substeps
     start, rate = state[POSITION], state[VELOCITY]
-    passed = 0.0
+    passed, heat = 0.0 * velocity, 0.0 * velocity
     for i in range(substeps):
         share = (i + 0.5) / substeps
         speed = state[LOAD_VELOCITY]
@@ -111,12 +112,11 @@ def _load_side(
         later = speed + step * (passed - friction - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
         state[LOAD_POSITION] += 0.5 * step * (speed + later)
         state[LOAD_VELOCITY] = later
-        if on[WARMS]:
-            warm(p, state, friction * later, step)
+        heat += friction * later / substeps
     state[POSITION], state[VELOCITY] = position, velocity
     twist = position - state[LOAD_POSITION]
     passed = passed_torque(stiffness, damping, half, impact, harder, twist, velocity - state[LOAD_VELOCITY])
-    return float(passed + relaxing * state[RELAXED])
+    return float(passed + relaxing * state[RELAXED]), float(heat)
 
 
 @compiled
@@ -146,7 +146,7 @@ def required(
             q, v, a = true_motion(p, q, v, a)
         mean = 0.5 * (before + v)
         before = v
-        bend(p, on, state, BRISTLE, q, mean, period)
+        bend(p, on, state, BRISTLE, 1.0 - rub, q, mean, period)
         rate = bending(p, state[BRISTLE], v, friction_limit(p, on, state, q, v))
         friction = p[STIFFNESS] * state[BRISTLE] + bristle_damping(p, v) * rate
         friction *= stiffened(p, on, state, v)
@@ -157,14 +157,14 @@ def required(
         outside = additive(p, on, q)
         if loaded:
             outside -= weight
-        passed = _load_side(p, on, state, between, q, v, period, substeps) if loaded else 0.0
+        passed, heat = 0.0 * v, 0.0 * v
+        if loaded:
+            passed, heat = _load_side(p, on, state, between, q, v, period, substeps)
         torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed
         if on[IS_PRESSED]:
-            press(
-                p, state, passed if loaded else p[INERTIA] * a + outside, 0.0 if loaded else friction, period
-            )
+            press(p, state, passed if loaded else p[INERTIA] * a + outside, friction, period)
         if on[WARMS]:
-            warm(p, state, friction * v, period)
+            warm(p, state, friction * v + heat, period)
 
 
 @compiled

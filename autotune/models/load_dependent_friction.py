@@ -1,8 +1,8 @@
 """Friction that grows with the torque transmitted: level + factor·|J·q'' + load + share·friction|.
 
-The transmitted torque presses the contacts; it is smoothed over a millisecond. `friction_share` says on
-which side of the friction the pressed contact sits: 0 at the load, 1 at the motor, which drives friction too; below 0
-friction is higher while braking than while driving.
+The transmitted torque presses the contacts; it is smoothed over a millisecond. Between two masses it is what passes to
+the load, beside the motor's friction. `friction_share` says on which side of the friction the pressed contact sits: 0
+at the load, 1 at the motor, which drives friction too; below 0 friction is higher while braking than while driving.
 
 By another law it grows with a power of that torque, and from a preload on: factor·typical·((T − preload)/typical)ⁿ.
 And what is pressed may be stiffer too (`stiffens`): the area of real contact carries friction and stiffness alike, and

@@ -70,7 +70,7 @@ def rubbing(
 
     `at` is the state of the side's bristle, `share` the side's part of the friction.
     """
-    limit = bend(p, on, state, at, position, velocity, step)
+    limit = bend(p, on, state, at, share, position, velocity, step)
     bristle = state[at]
     viscous = viscous_coefficient(p, on, state, velocity)
     stiffer = stiffened(p, on, state, velocity)
@@ -134,7 +134,7 @@ def two_masses(
     state[POSITION], state[VELOCITY] = position + 0.5 * step * (velocity + later), later
     state[LOAD_POSITION], state[LOAD_VELOCITY] = beyond + 0.5 * step * (speed + faster), faster
     if on[IS_PRESSED]:
-        press(p, state, passed, 0.0, step)
+        press(p, state, passed, friction, step)
     if on[WARMS]:
         warm(p, state, friction * later + carried * faster, step)
 

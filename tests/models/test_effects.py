@@ -186,6 +186,28 @@ def test_the_inverse_gives_back_the_torque_where_a_contact_of_elements_is_on_bot
     assert wrong > 1.2 * right
 
 
+STIFF = {"compliance": 2e-4, "load_inertia": 0.98, "load_friction": 0.0, "load_offset": 1.0, "damping": 1.0}
+GOES_THROUGH_THE_SPRING = {"load_dependent_friction", "encoder_eccentricity"}
+"""What it does goes by the torque that the spring passes on, or by an acceleration that it lags behind."""
+
+
+@pytest.mark.parametrize("effect", sorted(set(EFFECTS) - CHAOTIC))
+def test_an_effect_is_the_same_beside_a_load_that_is_all_but_rigid(effect: str) -> None:
+    """With nearly all inertia beyond a spring that hardly gives way, what the effect does is what it does without.
+
+    What the spring itself costs along the motion of the rigid axis is in both and cancels.
+    """
+    own, torque = EFFECTS[effect].make(SHAPED.get(effect, VALUES[effect])), _drive()
+    rigid, between = base_model(NUMBERS), EFFECTS["elastic_transmission"].make(STIFF)
+    position = _forward(rigid.with_effect(own), torque)
+    alone, beside = (
+        _residual(one.with_effect(own), torque, position) - _residual(one, torque, position)
+        for one in (rigid, rigid.with_effect(between))
+    )
+    allowed = 0.2 if effect in GOES_THROUGH_THE_SPRING else 1e-9
+    assert np.sqrt(np.mean((beside - alone) ** 2)) < allowed * np.sqrt(np.mean(alone**2))
+
+
 @pytest.mark.parametrize("effect", list(EFFECTS))
 def test_an_effect_matters_and_its_neutral_value_does_not(effect: str) -> None:
     torque, model = _drive(), _model(effect)
