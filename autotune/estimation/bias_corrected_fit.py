@@ -2,7 +2,7 @@
 
 On a rigid axis the bias changes slowly with the parameters: it is held during a fit and renewed after it.
 Two masses ring, and their bias changes as fast as the residual itself: there every single step is judged by
-the bias that belongs to it, and what is between them moves in the twin only, so that runs of it tell how (`_sensed`).
+the bias that belongs to it, and runs of the twin tell how everything moves it (`_sensed`).
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ ACROSS_A_RIDGE = 1.5
 """What the cost may rise by where only a whole step is left to try."""
 STEPS_A_ROUND = 4
 COARSE = 0.15
-"""Of a parameter between two masses, or of its scale where that is less: difference for its sensitivities; contact
-makes small ones noise."""
+"""Of a parameter, or of its scale where that is less: difference for what it changes of two masses' bias; contact makes
+small ones noise."""
 STUCK, NEAR = 0.9, 0.5
 """Of the cost at its start: a fit that comes no lower has not found its way, unless it began so near the end."""
 LEAST_CHANGE = 0.2
-"""Of the scale of a parameter between two masses that has come near zero: what its difference goes by."""
+"""Of the scale of a parameter that has come near zero: what its difference goes by."""
 MOST_PLACES = 4
 NEAR_NOISE = 1.5
 """Times the variance between repeats: a fit that comes so low has found its way."""
@@ -159,7 +159,7 @@ def _step_by_step(
     target: float,
 ) -> ModelFit | None:
     """A fit whose every step is judged by its own bias."""
-    found = stepped(problem, here, free, steps, target)
+    found = stepped(problem, here, free, steps, target, all_sensed=True)
     sharp = twinned(problem, found.packed, SHARP if found.cost < target else None)
     if sharp is None:
         return None
@@ -174,8 +174,12 @@ def stepped(
     steps: int,
     target: float = math.inf,
     hopeful: float = math.inf,
+    all_sensed: bool = False,
 ) -> Fitted:
-    """So many steps between two masses, each with the bias that belongs to it; `target`, `hopeful`: as in `fitting`."""
+    """So many steps between two masses, each with the bias that belongs to it; `target`, `hopeful`: as in `fitting`.
+
+    What is between them moves the bias; `all_sensed`: so does everything else that is free, for a run of the twin each.
+    """
     fitted_part = problem.until_trained()
 
     def judged(models: Sequence[Packed]) -> list[tuple[Floats, Floats] | None]:
@@ -187,7 +191,7 @@ def stepped(
         ]
 
     def sensed(packed: Packed, bias: Floats) -> tuple[Floats, Floats]:
-        return _sensed(fitted_part, packed, free, bias)
+        return _sensed(fitted_part, packed, free, bias, all_sensed)
 
     steps_of_fit = fitting(
         problem.data, here.packed, free, here.correction.bias, problem.training, steps, ENOUGH,
@@ -196,17 +200,20 @@ def stepped(
     return done_alone(steps_of_fit, problem.moved)
 
 
-def _sensed(problem: Problem, packed: Packed, free: Sequence[Free], bias: Floats) -> tuple[Floats, Floats]:
+def _sensed(
+    problem: Problem, packed: Packed, free: Sequence[Free], bias: Floats, everything: bool = False
+) -> tuple[Floats, Floats]:
     """Sensitivities between two masses, as `least_squares.jacobian` gives them.
 
-    What acts at the motor changes the inverse of the measured motion, and the bias hardly: it is held. What is between
-    the masses changes the bias alone, by runs that are all shaken alike.
+    What is between the masses changes the bias alone, by runs that are all shaken alike. What acts at the motor changes
+    the inverse of the measured motion, and the bias less: it is held unless `everything` is sensed.
     """
     columns, scales = jacobian(problem.data, problem.moved, packed, free, problem.raw(packed))
-    between = [i for i, one in enumerate(free) if one.slot in BETWEEN]
+    columns[:, [i for i, one in enumerate(free) if one.slot in BETWEEN]] = 0.0
+    moving = [i for i, one in enumerate(free) if everything or one.slot in BETWEEN]
     models: list[Packed] = []
     changes: list[float] = []
-    for i in between:
+    for i in moving:
         value = float(packed.p[free[i].slot])
         change = COARSE * max(min(free[i].scale, abs(value)), LEAST_CHANGE * free[i].scale)
         changes.append(change if value + change <= free[i].upper else -change)
@@ -215,9 +222,9 @@ def _sensed(problem: Problem, packed: Packed, free: Sequence[Free], bias: Floats
         models.append(Packed(p, packed.on))
     rows = problem.training > 0
     biases = problem.biases(models, problem.simulations + 1)
-    for i, change, moved in zip(between, changes, biases, strict=True):
-        known = np.zeros(len(bias)) if moved is None else (bias - moved) * (scales[i] / change)
-        columns[:, i] = np.where(rows, known, 0.0)
+    for i, change, moved in zip(moving, changes, biases, strict=True):
+        if moved is not None:
+            columns[rows, i] += ((bias - moved) * (scales[i] / change))[rows]
     return columns, scales
 
 
