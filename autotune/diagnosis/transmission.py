@@ -20,7 +20,7 @@ from autotune.diagnosis.candidates import (
     explained_of_rest,
     leaves_about_as_little,
 )
-from autotune.diagnosis.refits import NEARLY, REFINED, judged, refined
+from autotune.diagnosis.refits import NEARLY, REFINED, judged, refined, taken_out, with_effects
 from autotune.diagnosis.starts import Context, FitStart, led_on, scattered, scouted, starts_of, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.data import VETO
@@ -80,7 +80,8 @@ def other_transmission_tried(
 
     A spring is tried for every gap; for what is hardly a gap it is taken wherever it has a name. A gap is tried for a
     spring where that alone does not explain enough, and the gap was not `seen` by itself. Of single ones with a twin
-    each was looked for everywhere.
+    each was looked for everywhere. A gap that was given up for a spring by another law is tried beside what was found
+    since: as long as that was missing, the law took a part of it over.
     """
     effects, policy = chosen.model_fit.effects, problem.policy
     if GAP.name in effects:
@@ -94,12 +95,14 @@ def other_transmission_tried(
         problem.twin or chosen.named or any(one.effects == (GAP.name,) for one in seen)
     ):
         exchange = _Exchange(SPRING, GAP, policy.clearly_less)
+    elif len(effects) > 1 and by_another_law(chosen.model_fit) and chosen.share < REFINED:
+        exchange = _Exchange(SPRING, GAP, 1.0)
     else:
         return chosen
     if exchange.new not in problem.candidates:
         return chosen
     progress(f"{exchange.new.name} in place of {exchange.old.name}")
-    return exchange.tried(problem, root, nominal, chosen)
+    return exchange.tried(problem, root, nominal, chosen, seen)
 
 
 def spring_in_place(
@@ -455,10 +458,15 @@ class _Exchange:
         self.old, self.new, self.least = old, new, least
 
     def tried(
-        self, problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate
+        self,
+        problem: Problem,
+        root: ModelFit,
+        nominal: Packed,
+        chosen: FittedCandidate,
+        seen: Sequence[ModelFit],
     ) -> FittedCandidate:
         """The model with the new one where that is better, else the chosen one."""
-        other = self.fitted(problem, root, nominal, chosen)
+        other = self.fitted(problem, root, nominal, chosen, seen)
         least = self.least * error_left(problem, chosen.model_fit)
         return chosen if other is None or error_left(problem, other.model_fit) > least else other
 
@@ -474,6 +482,13 @@ class _Exchange:
         model_fit = chosen.model_fit
         starts, free, effects = self.begun(problem, root, nominal, model_fit)
         starts += [one.fitted.packed for one in seen if one.effects == effects]
+        if self.new is GAP:
+            old = (self.old.name,)
+            starts += [
+                with_effects(taken_out(root, model_fit, *old), one.fitted.packed, (GAP.name,))
+                for one in seen
+                if one.effects == (GAP.name,)
+            ]
         target = max(self.least, 1.0) * model_fit.fitted.cost if self.new is GAP else math.inf
         settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
         if settled is None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from autotune.diagnosis import settling, transmission
+from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.starts import FitStart, _of_each_size, varying
 from autotune.diagnosis.transmission import (
     ADDED,
@@ -21,6 +23,7 @@ from autotune.diagnosis.transmission import (
     adds_nothing,
     gap_is_told,
     other_spring_tried,
+    other_transmission_tried,
     plainer_of,
     spring_in_place,
 )
@@ -33,6 +36,7 @@ from autotune.models.effect import Kind
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION, hardened, relaxing
 from autotune.models.plant import advance
 from autotune.models.start_values import StartValues, Vary
+from autotune.models.table import EFFECTS
 from autotune.models.transmission import (
     HARDEST,
     LOAD_POSITION,
@@ -223,9 +227,14 @@ def test_a_spring_that_hardens_is_tried_where_one_comes_near_a_gap_or_leaves_som
 def test_a_gap_is_compared_with_the_spring_that_leaves_least(
     monkeypatch: pytest.MonkeyPatch, left: float, stands: bool
 ) -> None:
-    """By whatever law; and what a spring in its place begins from later has both."""
+    """By whatever law; and what a spring in its place begins from later has both. Fits hold arrays: none is equal."""
+
+    class Fit(SimpleNamespace):
+        def __eq__(self, other: object) -> bool:
+            raise ValueError("the truth value of an array is ambiguous")
+
     linear, gap, behind = (
-        SimpleNamespace(model_fit=SimpleNamespace(effects=(effect,), left=cost))
+        Fit(model_fit=SimpleNamespace(effects=(effect,), left=cost))
         for effect, cost in (
             (ELASTIC_TRANSMISSION.name, 1.0),
             (BACKLASH.name, 0.5),
@@ -337,6 +346,78 @@ def test_a_spring_takes_the_place_of_what_is_hardly_a_gap(
     spring = SimpleNamespace(model_fit=own, named=named)
     assert plainer_of(problem, gap, spring) is (spring if instead else gap)
     assert plainer_of(problem, gap, None) is gap
+
+
+@pytest.mark.parametrize(
+    ("hardens", "share", "other", "left", "tried", "taken"),
+    [
+        (True, 0.9, True, 0.6, True, True),
+        (True, 0.9, True, 1.1, True, False),
+        (False, 0.9, True, 0.6, False, False),
+        (True, 1.0, True, 0.6, False, False),
+        (True, 0.9, False, 0.6, False, False),
+    ],
+)
+def test_a_gap_is_tried_again_beside_what_was_found_since(
+    monkeypatch: pytest.MonkeyPatch,
+    hardens: bool,
+    share: float,
+    other: bool,
+    left: float,
+    tried: bool,
+    taken: bool,
+) -> None:
+    """A spring that hardened stood for a gap as long as an asymmetry was missing, and kept its place beside it.
+
+    The gap that was known without the other effect is among the places where its fit begins, beside that effect.
+    """
+    asymmetry, gap_alone = EFFECTS["direction_asymmetry"], base_model(BASE).pack()
+    gap_alone.p[BACKLASH.slot("gap")], gap_alone.on[layout.flag(BACKLASH.name)] = 7e-3, True
+    packed = base_model(BASE).pack()
+    packed.p[asymmetry.slot("coulomb")] = 0.03
+    for name in (ELASTIC_TRANSMISSION.name, asymmetry.name):
+        packed.on[layout.flag(name)] = True
+    begun: list[Packed] = []
+
+    def fit_from_starts(_: object, starts: list[Packed], *rest: object) -> SimpleNamespace:
+        begun.extend(starts)
+        return SimpleNamespace(left=left)
+
+    monkeypatch.setattr(transmission, "fit_from_starts", fit_from_starts)
+    monkeypatch.setattr(transmission, "starts_of", lambda *_: iter([FitStart(gap_alone, ())]))
+    monkeypatch.setattr(transmission, "Context", lambda *_: None)
+    monkeypatch.setattr(transmission, "error_left", lambda _, model_fit: model_fit.left)
+    monkeypatch.setattr(
+        transmission, "judged", lambda _, __, settled, effect: Case(model_fit=settled, effect=effect)
+    )
+    free = [varying(ELASTIC_TRANSMISSION, "hardening", Vary(1.0, 1.0))] if hardens else []
+    effects = (ELASTIC_TRANSMISSION.name, *((asymmetry.name,) if other else ()))
+    fit = SimpleNamespace(
+        effects=effects, fitted=SimpleNamespace(packed=packed, cost=1.0), free=free, left=1.0
+    )
+    root = SimpleNamespace(fitted=SimpleNamespace(packed=base_model(BASE).pack()))
+    known = SimpleNamespace(effects=(BACKLASH.name,), fitted=SimpleNamespace(packed=gap_alone))
+    chosen = Case(model_fit=fit, effect=effects[-1], share=share)
+    problem = SimpleNamespace(policy=POLICY, twin=True, candidates=[BACKLASH, ELASTIC_TRANSMISSION])
+    found = other_transmission_tried(problem, root, packed, chosen, [known], no_progress)
+    assert (found is not chosen) == taken
+    assert bool(begun) == tried
+    if tried:
+        place = begun[-1]
+        assert place.p[BACKLASH.slot("gap")] == 7e-3
+        assert place.p[asymmetry.slot("coulomb")] == 0.03
+        assert not place.on[layout.flag(ELASTIC_TRANSMISSION.name)]
+
+
+@dataclass(frozen=True)
+class Case:
+    """What an exchange asks of a fitted candidate."""
+
+    model_fit: SimpleNamespace
+    effect: str
+    share: float = 0.0
+    gain: float = 0.0
+    named: bool = False
 
 
 def test_a_spring_in_the_place_of_hardly_a_gap_begins_where_one_was_fitted_too(
