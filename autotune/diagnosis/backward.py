@@ -12,6 +12,7 @@ from autotune.diagnosis.candidates import (
     explained_beside,
     explains_rest,
     falls_on_veto,
+    gain_on_veto,
     least_fall,
 )
 from autotune.diagnosis.evidence.evidence import Evidence
@@ -130,17 +131,24 @@ class Backward:
         """What was found beside a second mass keeps its own standing where that mass is in doubt.
 
         Beside a true effect a second mass takes up what the twin's loop is not; together they would be nameless. Where
-        the others have no name by themselves, what it explains beside them tells of it, and that model is given too:
-        before they were found its gain was measured in what they explain.
+        the others have no name by themselves, or leave twice as much of the veto trajectory's error, what it explains
+        beside them tells of it, and that model is given too: before they were found its gain was measured in what they
+        explain, and no loop's rest is half of all that is left.
         """
         loads = [effect for effect in chosen.model_fit.effects if EFFECTS[effect].in_transmission]
         if len(chosen.model_fit.effects) < 2 or not loads or not self.evidence.repeats:
             return chosen, None
         less = self._without(chosen, loads[0])
-        unloaded = less.model_fit if less is not None and not less.named else None
+        unloaded = less.model_fit if less is not None and self._tells_of_load(chosen, less) else None
         if self.evidence.doubted(self.problem, self.root, chosen.model_fit, first, unloaded):
             return less or chosen, None
         return chosen, unloaded
+
+    def _tells_of_load(self, chosen: FittedCandidate, less: FittedCandidate) -> bool:
+        """Whether a model without a second mass tells whether there is one: see `without_doubtful_load`."""
+        if not less.named or not self.problem.has_veto:
+            return not less.named
+        return gain_on_veto(self.problem, less.model_fit, chosen.model_fit) >= self.problem.policy.partly
 
     def exchanged(self, chosen: FittedCandidate, later: Sequence[FittedCandidate]) -> list[FittedCandidate]:
         """Of several effects, what may stand for one of them beside the others: fitted to what is compared now.

@@ -94,7 +94,7 @@ class Facts:
         relaxed: an effect of the place whose torque does not hold at rest; likewise.
         base: sentences on laws of the base that were found: they are no effects.
         spring: the chosen model with a spring where it has hardly a gap.
-        unloaded: the chosen effects without a second mass among them, where they have no name so.
+        unloaded: the chosen effects without a second mass among them, where that tells of it.
         bare: the root without the effects that the model was given with; where it has any, and nothing repeats.
         delayed: whether a dead time of some rows does as well as the lag that was found.
         each_told: several effects without a name explain most, and each of them half of what the others leave.

@@ -376,7 +376,7 @@ def _as_beside(state: SearchState, fits: list[FittedCandidate]) -> list[FittedCa
     same = [one for one in fits if one.model_fit.effects == again.effects]
     if any(one.model_fit.fitted.cost < again.fitted.cost for one in same):
         return fits
-    return [*(one for one in fits if one not in same), found]
+    return [*(one for one in fits if one.model_fit.effects != again.effects), found]
 
 
 def _promises(state: SearchState, item: ScreenedCandidate) -> bool:

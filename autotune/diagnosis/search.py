@@ -100,7 +100,7 @@ class Found:
         told_apart: rivals that err clearly more on other recordings.
         exchanged: of several effects, fits with another one in the place of one of them that have a name too.
         spring: the chosen model with a spring where it has hardly a gap; None where it has none, or is chosen itself.
-        unloaded: the chosen effects without a second mass among them, where they have no name so; else None.
+        unloaded: the chosen effects without a second mass among them, where that tells of it; else None.
         delayed: whether a dead time of some rows does as well as the lag among them.
     """
 

@@ -140,7 +140,10 @@ def _other_spring(state: SearchState, best: FittedCandidate) -> FittedCandidate:
         known = [one for one in state.tried if one.model_fit.effects == behind.model_fit.effects]
         left = error_left(state.problem, behind.model_fit)
         if all(left < error_left(state.problem, one.model_fit) for one in known):
-            state.tried = [*(one for one in state.tried if one.model_fit.effects != behind.model_fit.effects), behind]
+            state.tried = [
+                *(one for one in state.tried if one.model_fit.effects != behind.model_fit.effects),
+                behind,
+            ]
     return best if other is best else refined(state.problem, state.root, other, state.progress)
 
 

@@ -540,28 +540,41 @@ def test_what_happens_again_and_again_belongs_to_the_axis(events: int, left_out:
 
 
 @pytest.mark.parametrize(
-    ("doubted", "repeats", "named", "kept"),
-    [(True, True, True, 1), (True, True, False, 1), (False, True, False, 2), (True, False, True, 2)],
-)
+    ("doubted", "repeats", "named", "left", "kept"),
+    [
+        (True, True, True, 0.6, 1), (True, True, False, 0.6, 1), (False, True, False, 0.6, 2),
+        (True, False, True, 0.6, 2), (False, True, True, 0.6, 2), (False, True, True, 0.4, 2),
+    ],
+)  # fmt: skip
 def test_what_stands_beside_a_doubtful_second_mass_keeps_its_name(
-    monkeypatch: pytest.MonkeyPatch, doubted: bool, repeats: bool, named: bool, kept: int
+    monkeypatch: pytest.MonkeyPatch, doubted: bool, repeats: bool, named: bool, left: float, kept: int
 ) -> None:
     """Behind a drive's loop a motor and load of no axis stood beside a true Stribeck effect, and nothing was named.
 
-    In a lone recording the doubt is one of all effects together. What has a name by itself is no measure of the mass.
+    In a lone recording the doubt is one of all effects together. What has a name by itself is a measure of the mass
+    where that lowers half of all that it leaves: beside a spring that explains 99 % a transmission of 2.6 times the
+    noise lowered 14 % of the whole.
     """
-    alone = SimpleNamespace(model_fit=SimpleNamespace(effects=("stribeck",)), named=named)
-    both = SimpleNamespace(model_fit=SimpleNamespace(effects=("stribeck", "elastic_transmission")))
+
+    def candidate(effects: tuple[str, ...], error: float) -> SimpleNamespace:
+        fitted = SimpleNamespace(effects=effects, fitted=SimpleNamespace(error=error))
+        return SimpleNamespace(model_fit=fitted, named=named)
+
+    alone, both = candidate(("stribeck",), 1.0), candidate(("stribeck", "elastic_transmission"), left)
     monkeypatch.setattr(
         backward, "without_effect", lambda _problem, _root, _fit, effect: alone if "el" in effect else None
     )
     asked = []
     evidence = SimpleNamespace(repeats=repeats, doubted=lambda *told: asked.append(told[-1]) or doubted)
-    problem, root = SimpleNamespace(), SimpleNamespace()
+    problem, root = (
+        SimpleNamespace(has_veto=True, policy=POLICY, mean_square=lambda error, _: error),
+        SimpleNamespace(),
+    )
     found, unloaded = backward.Backward(problem, root, evidence, no_progress).without_doubtful_load(both, ())
+    tells = alone.model_fit if not named or left < POLICY.partly else None
     assert len(found.model_fit.effects) == kept
-    assert asked == ([None if named else alone.model_fit] if repeats else [])
-    assert unloaded is (alone.model_fit if kept == 2 and repeats else None)
+    assert asked == ([tells] if repeats else [])
+    assert unloaded is (tells if kept == 2 and repeats else None)
 
 
 @pytest.mark.parametrize(("left", "doubted"), [(1.0, True), (0.75, True), (0.6, False)])

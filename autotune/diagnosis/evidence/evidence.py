@@ -185,7 +185,7 @@ class Evidence(ABC):
         """Whether effects that were found may be something else, though they lower the error.
 
         `first`: all candidates beside the root; `unloaded`: the others of several effects without a second mass, where
-        they have no name so; `bare`: the root without the effects that it has, where it has any.
+        that tells of it; `bare`: the root without the effects that it has, where it has any.
         """
         return False
 
