@@ -18,6 +18,7 @@ from autotune.diagnosis.candidates import (
     Progress,
     error_left,
     explained_of_rest,
+    explains_rest,
     leaves_about_as_little,
 )
 from autotune.diagnosis.refits import NEARLY, REFINED, judged, refined, taken_out, with_effects
@@ -248,7 +249,8 @@ def other_spring_tried(
     A gap is what hardens most of all: a spring that hardens looks like one, and one that does not gains half as much.
     So they are tried in place of a gap where a spring does that, by the `gains` of effects by themselves, and of what
     is hardly a gap. One that hardens has as many parameters as a gap. In place of a spring it has one more, and must
-    leave clearly less; so must one that relaxes. A spring by whatever law explains half.
+    leave clearly less, or earn a name that the spring has not; so must one that relaxes. A spring by whatever law
+    explains half.
     """
     policy, model_fit = problem.policy, chosen.model_fit
     if not problem.twin:
@@ -265,11 +267,32 @@ def other_spring_tried(
     place = model_fit.fitted.packed
     least = policy.clearly_less
     for law in (_hardening(problem, [place]), _relaxing([place])):
-        settled = _other_spring(problem, model_fit, law, model_fit.free, model_fit.effects, least)
-        better = _instead(problem, root, chosen, settled, chosen.effect, least)
+        settled = _other_spring(problem, model_fit, law, model_fit.free, model_fit.effects)
+        better = _instead(problem, root, chosen, settled, chosen.effect, 1.0)
+        if better is chosen:
+            continue
+        if error_left(problem, better.model_fit) > least * error_left(problem, model_fit):
+            better = _if_it_earns_the_name(problem, root, chosen, better, progress)
         if better is not chosen:
             return better, None
     return chosen, None
+
+
+def _if_it_earns_the_name(
+    problem: Problem,
+    root: ModelFit,
+    chosen: FittedCandidate,
+    other: FittedCandidate,
+    progress: Progress,
+) -> FittedCandidate:
+    """A spring by another law, led on, in place of one without a name, where it has one and explains half of its rest.
+
+    In noise what comes again of that rest is little of the error, and nobody can leave clearly less.
+    """
+    if chosen.named:
+        return chosen
+    led = refined(problem, root, masses_led_on(problem, root, other, progress), progress)
+    return led if led.named and explains_rest(problem, chosen, led) else chosen
 
 
 def _held_against_springs(

@@ -223,6 +223,46 @@ def test_a_spring_that_hardens_is_tried_where_one_comes_near_a_gap_or_leaves_som
         assert not one.packed.on[layout.flag(BACKLASH.name)]
 
 
+@pytest.mark.parametrize(
+    ("named", "left", "earns", "rest", "taken"),
+    [
+        (False, 0.7, False, False, True),
+        (False, 0.9, True, True, True),
+        (False, 0.9, False, True, False),
+        (False, 0.9, True, False, False),
+        (True, 0.9, True, True, False),
+        (False, 1.1, True, True, False),
+    ],
+)
+def test_a_spring_by_another_law_leaves_clearly_less_or_earns_the_name(
+    monkeypatch: pytest.MonkeyPatch, named: bool, left: float, earns: bool, rest: bool, taken: bool
+) -> None:
+    """A spring that hardens left 0.86 of what a linear one did in noise, all of what comes again, and was no better."""
+    packed = base_model(BASE).pack()
+    packed.on[layout.flag(ELASTIC_TRANSMISSION.name)] = True
+    packed.p[ELASTIC_TRANSMISSION.slot("compliance")] = 2e-3
+
+    def fit(left: float) -> SimpleNamespace:
+        fitted = SimpleNamespace(packed=packed, cost=left)
+        return SimpleNamespace(effects=(ELASTIC_TRANSMISSION.name,), fitted=fitted, free=[], left=left)
+
+    chosen = Case(model_fit=fit(1.0), effect=ELASTIC_TRANSMISSION.name, share=0.89, named=named)
+    monkeypatch.setattr(transmission, "_other_spring", lambda *_: fit(left))
+    monkeypatch.setattr(transmission, "error_left", lambda _, model_fit: model_fit.left)
+    monkeypatch.setattr(transmission, "explains_rest", lambda *_: rest)
+    monkeypatch.setattr(transmission, "masses_led_on", lambda _, __, other, ___: other)
+    monkeypatch.setattr(transmission, "refined", lambda _, __, other, ___: other)
+    monkeypatch.setattr(
+        transmission,
+        "judged",
+        lambda _, __, settled, effect: Case(model_fit=settled, effect=effect, named=earns),
+    )
+    problem = SimpleNamespace(policy=POLICY, twin=True, scales=SimpleNamespace(torque=0.5))
+    found, behind = other_spring_tried(problem, None, packed, chosen, {}, [], no_progress)
+    assert (found is not chosen) == taken
+    assert behind is None
+
+
 @pytest.mark.parametrize(("left", "stands"), [(0.7, True), (1.2, False)])
 def test_a_gap_is_compared_with_the_spring_that_leaves_least(
     monkeypatch: pytest.MonkeyPatch, left: float, stands: bool
