@@ -360,7 +360,6 @@ def _other_spring(
     law: _Law,
     free: Sequence[Free],
     effects: tuple[str, ...],
-    least: float = math.inf,
 ) -> ModelFit | None:
     """The fit of the model with a spring by another law, led to its best in the place of what there is between the
     masses; None where its twin is unstable.
@@ -371,7 +370,7 @@ def _other_spring(
     moved = tuple(one for one in free if one.slot in slots)
     starts = [FitStart(one, moved) for one in law.starts]
     led = [one.packed for one in scouted(problem, model_fit, starts, instead=True)]
-    return fit_from_starts(problem, led, 0.0, free, effects, least * model_fit.fitted.cost)
+    return fit_from_starts(problem, led, 0.0, free, effects)
 
 
 def _spring(place: Packed, names: Sequence[str], values: Sequence[float]) -> Packed:
