@@ -290,7 +290,10 @@ def test_where_the_veto_alone_refuses_what_was_found_it_may_bear_out_a_further_e
 
 @pytest.mark.slow(5)
 def test_what_the_motor_has_moves_the_bias_of_two_masses_too(begun: Begun) -> None:
-    """What a change of its inertia makes of the residual inside the twin is told with the bias' part of it only: 17 % of it are left, else 58."""
+    """What a change of its inertia makes of the residual inside the twin is told with the bias' part of it only.
+
+    17 % of its square are left then, and 58 without.
+    """
     problem, root, nominal = begun
     settled = inside_twin(
         problem, root, root, screen(problem, RepeatedProgramme(), root, nominal, EFFECT)
