@@ -21,7 +21,7 @@ from autotune.diagnosis.candidates import (
     explains_rest,
     leaves_about_as_little,
 )
-from autotune.diagnosis.refits import NEARLY, REFINED, judged, refined, taken_out, with_effects
+from autotune.diagnosis.refits import NEARLY, REFINED, judged, refined, with_effects
 from autotune.diagnosis.starts import Context, FitStart, led_on, scattered, scouted, starts_of, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.data import VETO
@@ -505,12 +505,9 @@ class _Exchange:
         starts, free, effects = self.begun(problem, root, nominal, model_fit)
         starts += [one.fitted.packed for one in seen if one.effects == effects]
         if self.new is GAP:
-            old = (self.old.name,)
-            starts += [
-                with_effects(taken_out(root, model_fit, *old), one.fitted.packed, (GAP.name,))
-                for one in seen
-                if one.effects == (GAP.name,)
-            ]
+            alone = [one.fitted.packed for one in seen if one.effects == (GAP.name,)]
+            beside = [with_effects(model_fit.fitted.packed, one, (GAP.name,)) for one in alone]
+            starts += [self._start(one, root) for one in beside]
         target = max(self.least, 1.0) * model_fit.fitted.cost if self.new is GAP else math.inf
         settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
         if settled is None:
@@ -526,7 +523,7 @@ class _Exchange:
     ) -> tuple[list[Packed], list[Free], tuple[str, ...]]:
         """Where the model with the new one begins, what is free of it, and its effects; a spring at one place."""
         begun = list(starts_of(self.new, Context(problem, model_fit.fitted, nominal)))
-        starts = [self._start(start, root) for start in (begun[:1] if self.new is SPRING else begun)]
+        starts = [self._start(start.packed, root) for start in (begun[:1] if self.new is SPRING else begun)]
         slots = {parameter.slot for parameter in self.old.parameters}
         free = [*(f for f in model_fit.free if f.slot not in slots), *begun[-1].free]
         return (
@@ -535,9 +532,9 @@ class _Exchange:
             tuple(self.new.name if name == self.old.name else name for name in model_fit.effects),
         )
 
-    def _start(self, start: FitStart, root: ModelFit) -> Packed:
+    def _start(self, start: Packed, root: ModelFit) -> Packed:
         """A start of the new one without the old one; a spring begins where the gap's contact is."""
-        p, on = start.packed.p.copy(), start.packed.on.copy()
+        p, on = start.p.copy(), start.on.copy()
         for name, source in OF_THE_GAP.items() if self.new is SPRING else ():
             p[self.new.slot(name)] = p[self.old.slot(source)]
         slots = [parameter.slot for parameter in self.old.parameters]

@@ -38,6 +38,7 @@ from autotune.estimation.problem import refit
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
+from tests.support.fitted import Item
 
 DRIFT = EFFECTS["thermal_drift"]
 
@@ -63,19 +64,8 @@ class _Controlled:
     data: object
 
 
-@dataclass(frozen=True)
-class _Item:
-    """A fit of which only its effects, what it leaves and what it explains count."""
-
-    effect: str
-    model_fit: SimpleNamespace
-    gain: float = 0.85
-    share: float = 0.97
-    named: bool = True
-
-
-def item(*effects: str, left: float = 1.0, **others: float) -> _Item:
-    return _Item(effects[-1], SimpleNamespace(effects=effects, left=left), **others)
+def item(*effects: str, left: float = 1.0, **others: float) -> Item:
+    return Item(effects[-1], SimpleNamespace(effects=effects, left=left), **others)
 
 
 @pytest.mark.slow
@@ -514,7 +504,7 @@ def test_what_may_stand_for_one_of_several_has_a_course_as_free_as_theirs(
 ) -> None:
     """Contacts that age left 1 % less than Stribeck friction of another course did by the law of the library."""
 
-    def beside(effect: str, left: float, **others: bool) -> _Item:
+    def beside(effect: str, left: float, **others: bool) -> Item:
         return item("nonlinear_viscous", effect, left=left, **others)
 
     state = _search(beside("dwell_time_break_away", 1.0))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -47,6 +46,7 @@ from autotune.models.transmission import (
     passed_torque,
     relaxed,
 )
+from tests.support.fitted import Item
 
 SPRING_VALUES = {"compliance": 2e-3, "load_inertia": 0.4, "load_friction": 0.3, "damping": 0.1}
 BASE = {
@@ -246,7 +246,7 @@ def test_a_spring_by_another_law_leaves_clearly_less_or_earns_the_name(
         fitted = SimpleNamespace(packed=packed, cost=left)
         return SimpleNamespace(effects=(ELASTIC_TRANSMISSION.name,), fitted=fitted, free=[], left=left)
 
-    chosen = Case(model_fit=fit(1.0), effect=ELASTIC_TRANSMISSION.name, share=0.89, named=named)
+    chosen = Item(model_fit=fit(1.0), effect=ELASTIC_TRANSMISSION.name, share=0.89, named=named)
     monkeypatch.setattr(transmission, "_other_spring", lambda *_: fit(left))
     monkeypatch.setattr(transmission, "error_left", lambda _, model_fit: model_fit.left)
     monkeypatch.setattr(transmission, "explains_rest", lambda *_: rest)
@@ -255,7 +255,7 @@ def test_a_spring_by_another_law_leaves_clearly_less_or_earns_the_name(
     monkeypatch.setattr(
         transmission,
         "judged",
-        lambda _, __, settled, effect: Case(model_fit=settled, effect=effect, named=earns),
+        lambda _, __, settled, effect: Item(model_fit=settled, effect=effect, named=earns),
     )
     problem = SimpleNamespace(policy=POLICY, twin=True, scales=SimpleNamespace(torque=0.5))
     found, behind = other_spring_tried(problem, None, packed, chosen, {}, [], no_progress)
@@ -428,7 +428,7 @@ def test_a_gap_is_tried_again_beside_what_was_found_since(
     monkeypatch.setattr(transmission, "Context", lambda *_: None)
     monkeypatch.setattr(transmission, "error_left", lambda _, model_fit: model_fit.left)
     monkeypatch.setattr(
-        transmission, "judged", lambda _, __, settled, effect: Case(model_fit=settled, effect=effect)
+        transmission, "judged", lambda _, __, settled, effect: Item(model_fit=settled, effect=effect)
     )
     free = [varying(ELASTIC_TRANSMISSION, "hardening", Vary(1.0, 1.0))] if hardens else []
     effects = (ELASTIC_TRANSMISSION.name, *((asymmetry.name,) if other else ()))
@@ -437,7 +437,7 @@ def test_a_gap_is_tried_again_beside_what_was_found_since(
     )
     root = SimpleNamespace(fitted=SimpleNamespace(packed=base_model(BASE).pack()))
     known = SimpleNamespace(effects=(BACKLASH.name,), fitted=SimpleNamespace(packed=gap_alone))
-    chosen = Case(model_fit=fit, effect=effects[-1], share=share)
+    chosen = Item(model_fit=fit, effect=effects[-1], share=share)
     problem = SimpleNamespace(policy=POLICY, twin=True, candidates=[BACKLASH, ELASTIC_TRANSMISSION])
     found = other_transmission_tried(problem, root, packed, chosen, [known], no_progress)
     assert (found is not chosen) == taken
@@ -447,17 +447,6 @@ def test_a_gap_is_tried_again_beside_what_was_found_since(
         assert place.p[BACKLASH.slot("gap")] == 7e-3
         assert place.p[asymmetry.slot("coulomb")] == 0.03
         assert not place.on[layout.flag(ELASTIC_TRANSMISSION.name)]
-
-
-@dataclass(frozen=True)
-class Case:
-    """What an exchange asks of a fitted candidate."""
-
-    model_fit: SimpleNamespace
-    effect: str
-    share: float = 0.0
-    gain: float = 0.0
-    named: bool = False
 
 
 def test_a_spring_in_the_place_of_hardly_a_gap_begins_where_one_was_fitted_too(
