@@ -39,6 +39,13 @@ def test_units(text: str, kind: str, factor: float) -> None:
     assert unit.factor == pytest.approx(factor)
 
 
+@pytest.mark.parametrize(("text", "called"), [("[Deg]", "Deg"), ("mNm", "mNm"), ("N m", "Nm"), (" A ", "A")])
+def test_a_unit_is_called_as_it_is_written(text: str, called: str) -> None:
+    unit = find_unit(text)
+    assert unit is not None
+    assert unit.text == called
+
+
 LISTED = [
     (kind, factor, word)
     for kind, factors in SCALED.items()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 TURN = 2.0 * math.pi
 
@@ -137,17 +137,22 @@ _SUFFIXED = re.compile(r"^(?P<name>.*[^_\s])[_\s](?P<unit>[^_\s]+)$")
 
 
 def find_unit(text: str, wanted: str = "") -> Unit | None:
-    """The unit that a text names; None if it is none that is known.
+    """The unit that a text names, called as it is written there; None if it is none that is known.
 
     `nm` is a torque (Nm, badly written) unless a length is wanted.
     """
     bare = text.strip().strip("[](){}<>").strip().replace("μ", "µ").replace("^", "").replace("⁻¹", "-1")
     if bare in _CASED:
-        return _CASED[bare]
+        return _called(_CASED[bare], bare)
     compact = bare.replace(" ", "").lower().replace("⋅", "·").replace("−", "-")
     if compact == _NANOMETRE.text:
         return _NANOMETRE if wanted == "length" and bare != "Nm" else Unit("Nm", "torque", 1.0)
-    return _UNITS.get(compact)
+    return _called(_UNITS.get(compact), bare)
+
+
+def _called(known: Unit | None, written: str) -> Unit | None:
+    """A unit with the text that it was written with, but for blanks."""
+    return None if known is None else replace(known, text=written.replace(" ", ""))
 
 
 def split_unit(header: str) -> tuple[str, str]:
