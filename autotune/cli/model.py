@@ -24,8 +24,8 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothi
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with figures.")]
 Rrd = Annotated[Path | None, typer.Option("--rrd", metavar="FILE", help="Write a Rerun file.")]
 NOTHING = 3
-FIT_STEPS, DIAGNOSE_STEPS, ADD_STEPS = 2, 40, 2
-"""About: a diagnosis looks at sixteen effects for each one that it finds, and refits the best."""
+FIT_STEPS, DIAGNOSE_STEPS, ADD_STEPS = 2, 15, 2
+"""Fits, about: a diagnosis looks at sixteen effects for each one that it finds, two of them with a load that rings."""
 
 
 @model.callback()
@@ -190,7 +190,7 @@ def add(
     given = known
     read = _read(recordings)
     take_laws(model_file, read)
-    with one_bar(f"add {', '.join(effects)}", ADD_STEPS * len(effects), len(effects) * _rows(read)) as step:
+    with one_bar(f"add {', '.join(effects)}", ADD_STEPS * len(effects), _rows(read)) as step:
         for effect in effects:
             result = autotune.add_effect(effect, read, known, progress=step, source=_source(recordings))
             if not result.better:

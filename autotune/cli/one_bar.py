@@ -7,35 +7,33 @@ from contextlib import contextmanager
 
 from autotune.view.console import ConsoleProgress, Stage
 
-SECONDS_A_STEP, SECONDS_A_ROW = 0.15, 8e-5
-"""About what a step takes at first, beside what the rows of the recordings take; the pace that is seen takes over."""
-LEAST_LEFT = 4
+SECONDS_A_STEP, SECONDS_A_ROW = 0.05, 2e-5
+"""About what a step takes at first, and what each row of the recordings adds to it; the pace that is seen takes over."""
+LEAST_LEFT = 1.0
 """Steps that may always be to come."""
-LONG = (
-    ("motor and load fitted from elsewhere", 40),
-    ("motor and load led on", 10),
-    ("candidate elastic_transmission", 5),
-    ("candidate backlash", 5),
-    ("refit inside the twin", 3),
-    ("refinement", 3),
+OTHERWISE = (
+    ("motor and load", 5.0),
+    ("candidate elastic_transmission", 1.2),
+    ("candidate backlash", 1.6),
+    ("candidate", 0.07),
 )
-"""What some steps take, by how they begin, as so many of the others."""
+"""Steps that take as long as so many fits, by how they begin, the first that fits; all others are a fit."""
 
 
 @contextmanager
 def one_bar(name: str, steps: int, rows: int = 0) -> Iterator[Callable[[str], None]]:
-    """A bar for about `steps` steps; call what this yields with the name of each step as it begins.
+    """A bar for about as much as `steps` fits; call what this yields with the name of each step as it begins.
 
     `rows`: of the recordings that are worked through, all together.
     """
-    done = here = 0
-    with ConsoleProgress([Stage(name, SECONDS_A_STEP * steps + SECONDS_A_ROW * rows)]) as console:
+    done = here = 0.0
+    with ConsoleProgress([Stage(name, steps * (SECONDS_A_STEP + SECONDS_A_ROW * rows))]) as console:
         console.start(name)
 
         def step(what: str) -> None:
             nonlocal done, here
             done += here
-            here = next((count for begins, count in LONG if what.startswith(begins)), 1)
+            here = next((count for begins, count in OTHERWISE if what.startswith(begins)), 1.0)
             console.advance(done / max(steps, done + here + LEAST_LEFT))
             if done + here > steps:
                 console.beyond(what)

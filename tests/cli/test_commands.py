@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import inspect
+import subprocess
+import sys
 from importlib import import_module
 
 import pytest
 import typer
 
+import autotune
 from autotune.cli.main import COMMANDS, main
+
+
+def test_python_runs_the_package_as_the_command() -> None:
+    """`python -m autotune`: where the command is not on the path."""
+    command = [sys.executable, "-m", "autotune", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.split() == ["autotune", autotune.__version__]
 
 
 @pytest.mark.parametrize("name", COMMANDS)
