@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from autotune.view.console import ConsoleProgress, Stage
 
 SECONDS_A_STEP, SECONDS_A_ROW = 0.05, 2e-5
-"""About what a step takes at first, and what each row of the recordings adds to it; the pace that is seen takes over."""
+"""About what a step takes at first, and what each row of the recordings adds; the pace that is seen takes over."""
 LEAST_LEFT = 1.0
 """Steps that may always be to come."""
 OTHERWISE = (

@@ -22,6 +22,7 @@ from autotune.diagnosis.refits import (
 from autotune.diagnosis.rounds import (
     SearchState,
     _both_by_their_courses,
+    _fit_down,
     _law_before,
     _worth_at_its_best,
     _worth_by_its_course,
@@ -740,3 +741,33 @@ def test_of_a_veto_trajectory_that_was_played_once_experiments_held_out_tell_a_c
         policy=POLICY, has_veto=True, veto_repeats=repeats, mean_square=lambda error, _: error
     )
     assert candidates.predicts_better(problem, fit(1.0, 1.0), fit(veto, 0.5)) is better
+
+
+@pytest.mark.parametrize(
+    ("named", "rival", "followed_down"),
+    [
+        ("stribeck", 0.8, ["stribeck", "backlash"]),
+        ("stribeck", 0.6, ["stribeck"]),  # a name by a law of its own: close rivals only
+        ("reversal_memory", 0.6, ["reversal_memory", "backlash"]),
+        ("reversal_memory", 0.9 * POLICY.worth_refit, ["reversal_memory"]),
+    ],
+)
+def test_elements_have_a_name_beside_every_rival_that_is_worth_a_fit(
+    monkeypatch: pytest.MonkeyPatch, named: str, rival: float, followed_down: list[str]
+) -> None:
+    """A gap with friction at its load was a memory, confirmed, with two thirds of its gain on the measured motion."""
+    fitted: list[str] = []
+
+    def fit(_: object, __: object, ___: object, item: SimpleNamespace, ____: float) -> SimpleNamespace:
+        fitted.append(item.effect)
+        costs = SimpleNamespace(fitted=SimpleNamespace(cost=1.0))
+        return SimpleNamespace(effect=item.effect, named=item.effect == named, model_fit=costs)
+
+    monkeypatch.setattr(rounds, "inside_twin", fit)
+    state = SimpleNamespace(problem=SimpleNamespace(policy=POLICY), root=None, progress=no_progress)
+    ranked = [
+        SimpleNamespace(effect=named, gain=0.5),
+        SimpleNamespace(effect="backlash", gain=0.5 * rival),
+    ]
+    _fit_down(state, SimpleNamespace(effects=()), ranked)  # type: ignore[arg-type]
+    assert fitted == followed_down
