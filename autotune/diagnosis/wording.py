@@ -472,8 +472,8 @@ def line_note(line: TimeLine) -> str:
         return (
             f"A force of {line.hertz:.2f} Hz goes on with the clock through all experiments, but is not as large in "
             f"each ({100 * line.share:.0f} % of the residual's variance): no known effect of the axis does that; look "
-            "for what runs beside it while it moves: a tool that cuts, a spindle, a feeder; or for what it sets swinging "
-            "itself: a liquid, something that hangs."
+            "for what runs beside it while it moves: a tool that cuts, a spindle, a feeder; or for what it sets "
+            "swinging itself: a liquid, something that hangs."
         )
     return (
         f"A disturbance of {line.hertz:.2f} Hz runs through all experiments whatever the motion "
