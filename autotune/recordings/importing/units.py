@@ -142,17 +142,11 @@ def find_unit(text: str, wanted: str = "") -> Unit | None:
     `nm` is a torque (Nm, badly written) unless a length is wanted.
     """
     bare = text.strip().strip("[](){}<>").strip().replace("μ", "µ").replace("^", "").replace("⁻¹", "-1")
-    if bare in _CASED:
-        return _called(_CASED[bare], bare)
     compact = bare.replace(" ", "").lower().replace("⋅", "·").replace("−", "-")
     if compact == _NANOMETRE.text:
         return _NANOMETRE if wanted == "length" and bare != "Nm" else Unit("Nm", "torque", 1.0)
-    return _called(_UNITS.get(compact), bare)
-
-
-def _called(known: Unit | None, written: str) -> Unit | None:
-    """A unit with the text that it was written with, but for blanks."""
-    return None if known is None else replace(known, text=written.replace(" ", ""))
+    known = _CASED.get(bare, _UNITS.get(compact))
+    return None if known is None else replace(known, text=bare.replace(" ", ""))
 
 
 def split_unit(header: str) -> tuple[str, str]:
