@@ -6,6 +6,8 @@ of the wall clock: a loaded host would break it.
 Half of the time of the tests that write journals went into waiting for the disk, and a seventh of all processor time
 into looking for garbage among modules that stay: no test cuts the power of the host, so that nothing is gained by the
 first, and what was imported before the tests is left out of the second.
+
+A test that fails while its machine stands still is run again, twice at most; `support/witness.py` says why.
 """
 
 from __future__ import annotations
@@ -13,15 +15,19 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import time
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
+from _pytest.runner import runtestprotocol
 from hypothesis import settings
 
 from autotune.core.garbage import seldom_collected
 from autotune.core.threads import one_thread
+from tests.support.witness import STOOD_STILL, Witness
 
 one_thread()
 settings.register_profile("same", derandomize=True, deadline=None)
@@ -38,6 +44,45 @@ def pytest_runtestloop() -> None:
     gc.freeze()
     seldom_collected()
     gc.enable()
+
+
+AGAIN = 2
+RUN_AGAIN = "run again"
+witness = cache(Witness)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
+    """As pytest does, and once more with new fixtures where a test failed on a machine that stood still."""
+    seen = witness()
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    for left in range(AGAIN, -1, -1):
+        began = time.monotonic()
+        reports = runtestprotocol(item, nextitem=nextitem, log=False)
+        failed = [report for report in reports if report.failed]
+        stood = seen.longest_since(began) if failed and left else 0.0
+        if stood < STOOD_STILL:
+            break
+        item.session._setupstate.teardown_exact(None)
+        failed[0].outcome = RUN_AGAIN  # type: ignore[assignment]
+        failed[0].user_properties.append((RUN_AGAIN, stood))
+        item.ihook.pytest_runtest_logreport(report=failed[0])
+    for report in reports:
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
+
+
+def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:
+    return (RUN_AGAIN, "R", RUN_AGAIN.upper()) if report.outcome == RUN_AGAIN else None
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    for report in terminalreporter.getreports(RUN_AGAIN):
+        stood = dict(report.user_properties)[RUN_AGAIN]
+        terminalreporter.write_line(
+            f"run again, as this machine stood still for {stood:.2g} s: {report.nodeid}"
+        )
 
 
 @pytest.fixture(autouse=True, scope="session")
