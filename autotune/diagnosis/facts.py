@@ -72,6 +72,9 @@ LAW_DIFFERS_ALONE = 0.8
 """The same where all that can look like it was looked for too and is left behind: what takes the place of an effect
 that was looked for loses to it, and what takes that of one that nobody knows explains less of both trajectories."""
 
+OWN_FORM = 2 / 3
+"""Of training and veto each: what a law with a form of its own explains at least where it is as likely as elements."""
+
 
 @dataclass(frozen=True, slots=True)
 class Facts:
@@ -627,26 +630,33 @@ def _rivals(
     chosen: FittedCandidate,
     tried: Sequence[FittedCandidate],
 ) -> list[str]:
-    """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring.
-
-    Nor is what becomes the chosen one at an end of its parameters: that cannot explain less. What need not be excused
-    in the chosen one is not excused in a rival.
-    """
-    strict = chosen.plain_share >= problem.policy.named
+    """Single effects that explain as much as the chosen single one, or stand beside elements by a form of their own."""
+    of_elements = EFFECTS[chosen.effect].approximate
     return [
         item.effect
         for item in tried
         if item.effect != chosen.effect
-        and item.named
-        and not is_end_of(chosen, item)
-        and (not strict or item.plain_share >= problem.policy.named)
-        and not (
-            chosen.effect == SPRING.name
-            and item.effect == GAP.name
-            and hardly_a_gap(problem.policy, item.model_fit)
-        )
-        and evidence.comes_near(problem, root, chosen, item)
+        and (_does_as_well(problem, evidence, root, chosen, item) or (of_elements and item.share >= OWN_FORM))
     ]
+
+
+def _does_as_well(
+    problem: Problem, evidence: Evidence, root: ModelFit, chosen: FittedCandidate, item: FittedCandidate
+) -> bool:
+    """Whether a single effect explains as much as the chosen one; hardly a gap is no rival of a spring.
+
+    Nor is what becomes the chosen one at an end of its parameters: that cannot explain less. What need not be excused
+    in the chosen one is not excused in a rival.
+    """
+    if not item.named or is_end_of(chosen, item):
+        return False
+    named = problem.policy.named
+    if chosen.plain_share >= named > item.plain_share:
+        return False
+    gap_for_spring = chosen.effect == SPRING.name and item.effect == GAP.name
+    if gap_for_spring and hardly_a_gap(problem.policy, item.model_fit):
+        return False
+    return evidence.comes_near(problem, root, chosen, item)
 
 
 def _rivals_beside(

@@ -71,6 +71,8 @@ MOST_FITS = 4
 """Candidates fitted inside the twin in a round."""
 WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
 """Of the best candidate's gain: what is fitted beside another effect, and beside one that can be named already."""
+WORTH_BESIDE_ELEMENTS = 0.25
+"""The same beside elements that can be named: a gap that they stood for gained a third of what they did."""
 LOOPS_ANEW = 2
 """Times that a twin may be shaken or controlled otherwise before a second mass: one for each."""
 LEAST_AGAIN = 0.1
@@ -395,8 +397,10 @@ def _fit_down(
     """
     fits: list[FittedCandidate] = []
     for item in passing[:MOST_FITS]:
-        done = any(r.named and not EFFECTS[r.effect].approximate for r in fits)
-        worth = WORTH_A_FIT_BESIDE if model_fit.effects else state.problem.policy.worth_refit
+        named = [EFFECTS[r.effect] for r in fits if r.named]
+        done = any(not kind.approximate for kind in named)
+        alone = WORTH_BESIDE_ELEMENTS if named else state.problem.policy.worth_refit
+        worth = WORTH_A_FIT_BESIDE if model_fit.effects else alone
         least = CLOSE_RIVAL if done else worth
         if item.gain < least * passing[0].gain:
             break
