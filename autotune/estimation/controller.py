@@ -86,6 +86,12 @@ TORQUE_ADDED = ADDED + (
     "in '{names}', which no column of the file holds: what the controller's law, as it is in all other experiments, "
     "does not ask for there was taken for it."
 )
+KICKED = (
+    " It is largest where the speed of the reference steps: an acceleration feedforward kicks the axis there, for less "
+    "than a row. Where that is so, round the reference off, and record again."
+)
+KICK, NEAR_KICK = 5.0, 2
+"""Times the second differences that a hundredth of the rows exceeds: a step of the speed; and the rows beside it."""
 MOST_ADDED, LEAST_LEFT, FAR_LESS = 3, 0.5, 0.5
 """Experiments that a torque may be added in; of the rows, what must be left to tell the law; and what a law's terms may
 leave of the demand without such an experiment, of what they leave with it."""
@@ -516,7 +522,19 @@ def with_torque_added(recordings: Sequence[Recording], data: Prepared, policy: P
     if not _of_all_rows(find_controller(replace(data, feedforward=data.feedforward + added), policy)):
         return recordings
     said = TORQUE_ADDED.format(names="', '".join(where))
+    if _is_kicked(data, added, np.isin(names, where)):
+        said += KICKED
     return _with_feedforward(recordings, data.feedforward + added, said)
+
+
+def _is_kicked(data: Prepared, added: Floats, within: Flags) -> bool:
+    """Whether a torque that is added, shape (n,), is largest in rows where the reference's speed steps."""
+    bent = np.zeros(len(added))
+    for stretch in data.stretches:
+        bent[stretch.rows][1:-1] = np.abs(np.diff(data.reference[stretch.rows], 2))
+    largest = int(np.argmax(np.abs(added)))
+    there = bent[max(largest - NEAR_KICK, 0) : largest + NEAR_KICK + 1].max()
+    return bool(there > KICK * np.quantile(bent[within], 0.99))
 
 
 def _torque_added(

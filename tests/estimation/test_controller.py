@@ -11,6 +11,7 @@ from autotune.core.arrays import Floats
 from autotune.estimation import controller, controller_search
 from autotune.estimation.alignment import a_row_sooner
 from autotune.estimation.controller import (
+    _is_kicked,
     as_read,
     as_wanted,
     asked,
@@ -678,6 +679,20 @@ def test_a_torque_that_one_experiment_adds_leaves_the_law_of_the_others() -> Non
     found = find_controller(prepare([told]))
     assert found.usable
     assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.05)
+    assert "speed of the reference steps" not in told.metadata.remarks[-1]
+
+
+@pytest.mark.parametrize("step", [100, 0])
+def test_a_torque_that_is_added_where_the_reference_steps_in_speed_is_said_to_be_so(step: int) -> None:
+    """Hand-written set points that begin with a corner, behind an acceleration feedforward."""
+    data = prepare([_shaken_in_one(0.0)[0]])
+    within = np.arange(len(data.reference)) < 1000
+    corner = 300
+    bent = np.where(np.arange(1000) > corner, step * np.abs(np.diff(data.reference[:1000], 2)).max(), 0.0)
+    reference = data.reference.copy()
+    reference[:1000] += np.cumsum(bent)
+    added = np.where(np.arange(len(reference)) == corner + 1, 5.0, 0.1)
+    assert _is_kicked(replace(data, reference=reference), added, within) is (step > 0)
 
 
 def test_a_controller_without_an_added_torque_keeps_its_recording() -> None:

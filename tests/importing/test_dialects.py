@@ -261,3 +261,11 @@ def test_written_tables_come_back(
     assert [column.name for column in source.columns] == list(table)
     for read, written in zip(source.load(range(width)).columns, table.values(), strict=True):
         np.testing.assert_allclose(read, written, rtol=1e-11)
+
+
+def test_columns_that_are_not_used_are_told(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    """A set point by a name that says nothing would be missing without a word, and with it every twin."""
+    path = write_table(tmp_path / "table.csv", {**signals, "vorgabe": signals["position"]}, ",", ".")
+    (line,) = [line for line in bring_in(path).lines if line.startswith("not used")]
+    assert line.startswith("not used: 'vorgabe';")
+    assert not any("not used" in line for line in bring_in(write_table(tmp_path / "b.csv", signals)).lines)

@@ -137,7 +137,8 @@ def test_units_in_names(header: str, name: str, unit: str) -> None:
         ("Motor torque", "A", "current"), ("Sollposition", "°", "reference"), ("Istposition", "°", "position"),
         ("Lageistwert", "mm", "position"), ("Drehmomentsollwert", "Nm", "torque_command"), ("Motorist", "", ""),
         ("actual_q_1", "rad", "position"), ("joint_q", "", "position"), ("target_q_1", "rad", ""), ("q x", "rad", ""),
-        ("setpoint", "deg", "reference"), ("Sollwert", "°", "reference"), ("commanded", "mm", "reference"),
+        ("setpoint", "deg", "reference"), ("Set point", "deg", "reference"), ("Torque feed-forward", "Nm",
+        "torque_feedforward"), ("Sollwert", "°", "reference"), ("commanded", "mm", "reference"),
         ("command", "Nm", "torque_command"), ("setpoint", "rpm", ""), ("setpoint", "", ""), ("limit", "Nm", ""),
     ],
 )  # fmt: skip

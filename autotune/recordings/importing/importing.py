@@ -137,7 +137,7 @@ def _read(source: Source, paths: Sequence[Path], options: Options) -> _File:
     source = with_stated_period(source, assigned, options.wishes.period)
     choices, doubts = choose(source, assigned, options.wishes)
     unit, why = motion_unit(choices, options.wishes)
-    lines = [*source.notes, *said(choices, source), f"motion unit {unit} ({why})"]
+    lines = [*source.notes, *said(choices, source, labelled), f"motion unit {unit} ({why})"]
     columns, more = _load(source, [choice for choice in choices if choice.target], lines)
     doubts += more
     if doubts:

@@ -21,13 +21,14 @@ from autotune.recordings.importing.recognise import (
     quantity_of,
     unit_of,
 )
-from autotune.recordings.importing.source import Source, by_name, usual_rows
+from autotune.recordings.importing.source import Column, Source, by_name, usual_rows
 from autotune.recordings.importing.units import Unit, find_unit
 from autotune.recordings.recording import FLOAT_COLUMNS
 
 SECONDS_AT_MOST = 0.05
 """A clock without a unit is taken in seconds only if its step is below this."""
 REPEAT = "repeat"
+_FEW = 6
 _NEEDED = ("time", "position", "torque")
 _LINEAR = frozenset({"length", "linear speed", "force"})
 _ROTARY = frozenset({"angle", "angular speed", "torque"})
@@ -83,8 +84,8 @@ def _rows(source: Source, assigned: Mapping[str, Assignment]) -> int | None:
     return lengths.pop() if lengths else usual_rows(source.columns)
 
 
-def said(choices: list[Choice], source: Source) -> list[str]:
-    """One line a column: what was taken as what."""
+def said(choices: list[Choice], source: Source, labels: Column | None) -> list[str]:
+    """One line a column: what was taken as what; and one of those that were not taken, neither they nor as labels."""
     lines = []
     for choice in choices:
         column = source.columns[choice.index]
@@ -93,6 +94,10 @@ def said(choices: list[Choice], source: Source) -> list[str]:
         lines.append(
             taken if choice.target else f"{column} is left out: it has no unit; name it with --column"
         )
+    used = {choice.index for choice in choices}
+    left = [str(one) for index, one in enumerate(source.columns) if index not in used and one is not labels]
+    if left:
+        lines.append(f"not used: {a_few(left, _FEW)}; --column TARGET=FIELD takes one, such as a reference")
     return lines
 
 

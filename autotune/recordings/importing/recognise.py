@@ -36,6 +36,8 @@ _WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in 
 _COMPOUND = re.compile(
     r"(?P<before>soll|ist)(?P<behind>[a-zäöü]{2,})|(?P<ahead>[a-zäöü]{2,}?)s?(?P<after>soll|ist)(wert)?"
 )
+_IN_TWO = re.compile(r"\b(set|feed|time|soll|ist)[ _-](point|forward|stamp|wert)")
+"""Words that are written in one or in two."""
 _ROLE_WORDS = {word: role for role, words in _ROLES.items() for word in words.split()}
 _TARGETS = {
     ("time", ""): "time",
@@ -132,7 +134,8 @@ def _parts(word: str) -> list[str]:
 def _words(name: str) -> tuple[str, str]:
     """Quantity and role by the name's words; an unclear name has none, one like 'setpoint' has a role alone."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.rsplit(".", 1)[-1])
-    words = [part for word in re.split(r"[^a-zäöüµ]+", spaced.lower()) if word for part in _parts(word)]
+    spaced = _IN_TWO.sub(r"\1\2", spaced.lower())
+    words = [part for word in re.split(r"[^a-zäöüµ]+", spaced) if word for part in _parts(word)]
     if not words:
         return "", ""
     short = sum(word not in _WHICH and word not in _ROLE_WORDS for word in words) == 1
