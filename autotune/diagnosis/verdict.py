@@ -63,6 +63,7 @@ from autotune.diagnosis.wording import (
 from autotune.estimation.bandwidth import prepared_both
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin, unseen_error
 from autotune.estimation.coordinates import variance_shares
+from autotune.estimation.cross_validation import gain_and_z
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import with_misfit
@@ -423,11 +424,16 @@ def _kinds(problem: Problem) -> int:
 
 
 def _as_chosen(found: Found) -> list[FittedCandidate]:
-    """The candidates that were fitted, the one that was found by itself as it is at last."""
+    """The candidates that were fitted, the one that is found by itself as it is at last.
+
+    It may have been fitted beside another one only, which was not needed in the end.
+    """
     chosen = found.chosen
     if chosen is None or len(chosen.model_fit.effects) > 1:
         return list(found.tried)
-    return [chosen if item.effect == chosen.effect else item for item in found.tried]
+    if all(item.effect != chosen.effect for item in found.tried):
+        chosen = replace(chosen, gain=gain_and_z(found.root.unseen, chosen.model_fit.unseen)[0])
+    return list({item.effect: item for item in (*found.tried, chosen)}.values())
 
 
 def _confusable(

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from autotune.diagnosis import candidates, facts, settling, verdict
+from autotune.diagnosis.candidates import FittedCandidate
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
@@ -20,9 +21,9 @@ from autotune.diagnosis.evidence.torque_path import LATE_RECORD
 from autotune.diagnosis.facts import Facts
 from autotune.diagnosis.free_shape import OtherProportion, Relaxed
 from autotune.diagnosis.starts import varying
-from autotune.diagnosis.verdict import CASES
+from autotune.diagnosis.verdict import CASES, _as_chosen
 from autotune.diagnosis.wording import rms_unexplained
-from autotune.estimation.cross_validation import Explained
+from autotune.estimation.cross_validation import Explained, Unseen
 from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
 from autotune.models import layout
@@ -904,3 +905,17 @@ def test_of_motion_one_way_friction_s_level_is_explained(one_way: bool, share: f
     )
     root = SimpleNamespace(fitted=SimpleNamespace(error=noise))
     assert rms_unexplained(problem, root) == pytest.approx(share, rel=0.01)
+
+
+def test_what_is_left_of_several_effects_is_told_by_its_own_fit() -> None:
+    """A spring that was found beside dwell time, which was not needed then, was told as "taken beside the others"."""
+    root = SimpleNamespace(unseen=Unseen(np.full(40, 2.0)))
+    alone = SimpleNamespace(effects=("elastic_transmission",), unseen=Unseen(np.full(40, 0.5)))
+    spring = FittedCandidate("elastic_transmission", alone, -0.1, Explained(1.0, 0.0), None, True)  # type: ignore[arg-type]
+    dwell = SimpleNamespace(effect="dwell_time_break_away")
+    found = SimpleNamespace(chosen=spring, root=root, tried=[dwell])
+    first, second = _as_chosen(found)  # type: ignore[arg-type]
+    assert first is dwell
+    assert (second.effect, second.gain) == ("elastic_transmission", pytest.approx(0.75))
+    found.tried = [dwell, replace(spring, gain=0.4)]  # fitted by itself in the first round
+    assert _as_chosen(found)[1] is spring  # type: ignore[arg-type]
