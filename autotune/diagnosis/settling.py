@@ -23,7 +23,7 @@ from autotune.diagnosis.evidence.torque_path import (
     recorded_otherwise,
     without_long_lag,
 )
-from autotune.diagnosis.free_shape import rather_a_spring, without_own_course
+from autotune.diagnosis.free_shape import rather_a_spring, with_free_shape, without_own_course
 from autotune.diagnosis.refits import (
     REFINED,
     a_row_otherwise,
@@ -237,17 +237,24 @@ def _aligned(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     """The best candidate with torque and motion aligned by it; as it was where the twin then leaves more.
 
     Beside a lag of the loop a shift takes what the lag's law has too much or too little along the measured motion:
-    but rows that were written late delay no loop, and twins tell the one from the other.
+    but rows that were written late delay no loop, and twins tell the one from the other. Where its name is lost so, its
+    course may do better than the shift.
     """
     again = state.evidence.aligned(state.problem, best.model_fit)
     if again is state.problem:
         return best
     before = state.problem, state.root, state.tried
     moved = state.moved(again, best)
-    if not again.twin or moved.model_fit.fitted.cost <= LEVEL_GROUND * best.model_fit.fitted.cost:
-        return moved
+    after = state.problem, state.root, state.tried
     state.problem, state.root, state.tried = before
-    return best
+    least = LEVEL_GROUND * best.model_fit.fitted.cost
+    if again.twin and best.named and not moved.named:
+        course = with_free_shape(state.problem, state.root, state.nominal, best)
+        least = least if course is None else min(least, course.model_fit.fitted.cost)
+    if again.twin and moved.model_fit.fitted.cost > least:
+        return best
+    state.problem, state.root, state.tried = after
+    return moved
 
 
 def _recorded_otherwise(state: SearchState, best: FittedCandidate) -> FittedCandidate:
