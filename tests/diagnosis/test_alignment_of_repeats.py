@@ -742,7 +742,7 @@ def test_a_lag_gives_way_to_cycles_that_leave_as_little(
             False,
             0.8,
             False,
-        ),  # two stages of a filter: what the shift takes of them the lag's course knows better
+        ),  # a moving mean: what the shift takes of it the lag's course knows better
     ],
 )
 def test_a_candidate_is_aligned_where_the_twin_leaves_no_more(
