@@ -243,18 +243,16 @@ def _aligned(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     again = state.evidence.aligned(state.problem, best.model_fit)
     if again is state.problem:
         return best
-    before = state.problem, state.root, state.tried
+    before = problem, root, _ = state.problem, state.root, state.tried
     moved = state.moved(again, best)
-    after = state.problem, state.root, state.tried
-    state.problem, state.root, state.tried = before
-    least = LEVEL_GROUND * best.model_fit.fitted.cost
-    if again.twin and best.named and not moved.named:
-        course = with_free_shape(state.problem, state.root, state.nominal, best)
+    left, least = moved.model_fit.fitted.cost, LEVEL_GROUND * best.model_fit.fitted.cost
+    if again.twin and left <= least and best.named and not moved.named:
+        course = with_free_shape(problem, root, state.nominal, best)
         least = least if course is None else min(least, course.model_fit.fitted.cost)
-    if again.twin and moved.model_fit.fitted.cost > least:
-        return best
-    state.problem, state.root, state.tried = after
-    return moved
+    if not again.twin or left <= least:
+        return moved
+    state.problem, state.root, state.tried = before
+    return best
 
 
 def _recorded_otherwise(state: SearchState, best: FittedCandidate) -> FittedCandidate:

@@ -85,7 +85,7 @@ def _rows(source: Source, assigned: Mapping[str, Assignment]) -> int | None:
 
 
 def said(choices: list[Choice], source: Source, labels: Column | None) -> list[str]:
-    """One line a column: what was taken as what; and one of those that were not taken, neither they nor as labels."""
+    """One line a column: what was taken as what; and one for those that are used for nothing, `labels` neither."""
     lines = []
     for choice in choices:
         column = source.columns[choice.index]
