@@ -6,6 +6,7 @@ of a fit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -100,24 +101,29 @@ def diagnose(
     model: Model,
     *,
     candidates: Sequence[str] | None = None,
+    at_most: float = math.inf,
     progress: Progress = no_progress,
 ) -> DiagnosisResult:
     """Which physical effect the model lacks, with the evidence.
 
-    `candidates` are the names of the effects that may be missing; all of the library where none are given.
+    `candidates` are the names of the effects that may be missing; all of the library where none are given. After
+    `at_most` seconds no more is searched for: the verdict is on what was found until then, and not `complete`.
 
     Raises:
-        RecordingError, ConfigurationError: recordings that cannot be used; no such effect.
+        RecordingError, ConfigurationError: recordings that cannot be used; no such effect; a limit that is none.
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
+    if not at_most > 0.0:
+        raise ConfigurationError(f"at_most is {at_most}, and must be a time above 0 s")
     known = _model(model)
     with _one_thread():
         kinds = None if candidates is None else [effect_kind(name) for name in candidates]
-        found = diagnose_model(_read_beside(model, recordings), known, progress, candidates=kinds)
+        read = _read_beside(model, recordings)
+        found = diagnose_model(read, known, progress, candidates=kinds, at_most=at_most)
     return DiagnosisResult(
         known.torque_symbol, found.verdict, found.effects, found.confidence, found.candidates, found.confusable,
         found.where, found.noise_floor_rms, found.next_experiment, found.twin, found.error_rms,
-        found.relative_error, found.error_test, found.notes,
+        found.relative_error, found.error_test, found.notes, found.complete,
         known, found,
     )  # fmt: skip
 

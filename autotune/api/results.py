@@ -16,7 +16,7 @@ from autotune.core.documents import finite
 from autotune.core.tables import frame, html_table
 from autotune.diagnosis.compare import Compared, Worst
 from autotune.diagnosis.verdict import Diagnosis
-from autotune.diagnosis.wording import Candidate
+from autotune.diagnosis.wording import Candidate, headline
 from autotune.models.as_json import parameters_json, waves_json
 from autotune.models.drive_model import DriveModel
 from autotune.recordings.recording import Recording
@@ -169,6 +169,7 @@ class DiagnosisResult(Result):
         next_experiment: what would tell more, in words; None where nothing is asked.
         error_rms, relative_error: of the model as it was given, as `compare` finds it.
         error_test: rms on the unseen test trajectory; nan without one.
+        complete: all was asked; else the time it was given was up.
     """
 
     torque_unit: str
@@ -185,6 +186,7 @@ class DiagnosisResult(Result):
     relative_error: float
     error_test: float
     notes: tuple[str, ...]
+    complete: bool
     _model: DriveModel = field(repr=False)
     _diagnosis: Diagnosis = field(repr=False)
 
@@ -237,16 +239,11 @@ class DiagnosisResult(Result):
             "relative_error": self.relative_error,
             "error_test": self.error_test,
             "notes": list(self.notes),
+            "complete": self.complete,
         }
 
     def _sentence(self) -> str:
-        names = ", ".join(self.effects)
-        return {
-            "named": f"missing: {names} ({self.confidence})",
-            "none": "nothing is missing that these data could show",
-            "unknown": "something is missing that is none of the known effects",
-            "ambiguous": f"missing: {names}, or what looks like it",
-        }[self.verdict]
+        return headline(self.verdict, self.effects, self.confidence, self.complete)
 
     def _rows(self) -> list[dict[str, Any]]:
         keys = ("effect", "gain", "error_before", "error_after", "accepted", "why")

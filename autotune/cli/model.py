@@ -24,6 +24,8 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothi
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with figures.")]
 Rrd = Annotated[Path | None, typer.Option("--rrd", metavar="FILE", help="Write a Rerun file.")]
 NOTHING = 3
+MOST_SECONDS = 300.0
+"""Of a diagnosis, which takes ten to thirty for most recordings: who has seen a bar for so long wants to know."""
 FIT_STEPS, DIAGNOSE_STEPS, ADD_STEPS = 2, 15, 2
 """Fits, about: a diagnosis looks at sixteen effects for each one that it finds, two of them with a load that rings."""
 
@@ -127,6 +129,13 @@ def diagnose(
         Path | None,
         typer.Option(metavar="MODEL.toml", help="Write the model with all that is named, fitted together."),
     ] = None,
+    at_most: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            help="Then the verdict is on what was found until then, and nothing is confirmed.",
+        ),
+    ] = MOST_SECONDS,
 ) -> None:
     """Tell which physical effect the model lacks, with the evidence."""
     import autotune
@@ -142,7 +151,7 @@ def diagnose(
     read = _read(recordings)
     take_laws(model_file, read)
     with one_bar("diagnose", DIAGNOSE_STEPS, _rows(read)) as step:
-        result = autotune.diagnose(read, known, progress=step)
+        result = autotune.diagnose(read, known, at_most=at_most, progress=step)
     if html is not None:
         result.write_html(html)
         say(f"figures: {html}")

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from autotune.api.results import AddedEffect, Comparison, DiagnosisResult
+from autotune.diagnosis.wording import headline
 from autotune.models.drive_model import DriveModel, staircase
 from autotune.models.table import effect_kind
 from autotune.models.torque_ripple import TORQUE_RIPPLE
@@ -41,13 +42,7 @@ def compared_lines(result: Comparison) -> Iterator[str]:
 
 def diagnosis_lines(result: DiagnosisResult) -> Iterator[str]:
     unit = result.torque_unit
-    names = ", ".join(result.effects)
-    yield {
-        "named": f"missing: {names} ({result.confidence})",
-        "none": "nothing is missing that these data could show",
-        "unknown": "something is missing that is none of the known effects",
-        "ambiguous": f"missing: {names}, or what looks like it",
-    }[result.verdict]
+    yield headline(result.verdict, result.effects, result.confidence, result.complete)
     for effect in result.effects:
         kind = effect_kind(effect)
         yield f"  looks like: {kind.looks_like}"

@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, TypeVar
 
+from autotune.core.time_limit import check_time
+
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -35,15 +37,19 @@ def on_each(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[R
     """What `work` gives for each item, in their order; no more of it than there are cores is made in advance.
 
     Raises:
+        TimeIsUp: before an item for which there is no time left (`core.time_limit`).
         Exception: what `work` raises, at the item's place.
     """
     if min(_cores, len(items)) < 2:
-        yield from map(work, items)
+        for item in items:
+            check_time()
+            yield work(item)
         return
     ahead: deque[Future[Result]] = deque()
     left = iter(items)
     try:
         for item in left:
+            check_time()
             ahead.append(_pool(_cores).submit(work, item))
             if len(ahead) == _cores:
                 yield ahead.popleft().result()

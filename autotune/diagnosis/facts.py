@@ -101,6 +101,7 @@ class Facts:
         bare: the root without the effects that the model was given with; where it has any, and nothing repeats.
         delayed: whether a dead time of some rows does as well as the lag that was found.
         each_told: several effects without a name explain most, and each of them half of what the others leave.
+        cut_short: the time of the search was up before all was asked.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -133,6 +134,7 @@ class Facts:
     bare: ModelFit | None = None
     delayed: bool = False
     each_told: bool = False
+    cut_short: bool = False
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
@@ -406,7 +408,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     hunts = limit_cycle(problem, contact(root.fitted.packed.p, root.fitted.packed.on)[0])
     facts = Facts(
         *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base,
-        spring=found.spring, unloaded=found.unloaded, delayed=found.delayed,
+        spring=found.spring, unloaded=found.unloaded, delayed=found.delayed, cut_short=found.cut_short,
         bare=None if chosen is None or evidence.repeats else without_effects(problem, root),
     )  # fmt: skip
     facts = replace(facts, each_told=_each_told(facts))

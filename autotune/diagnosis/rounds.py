@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from autotune.core.time_limit import check_time
 from autotune.diagnosis.base_laws import BASE_LAWS, BaseLaw
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -67,8 +68,8 @@ from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
-MOST_FITS = 4
-"""Candidates fitted inside the twin in a round."""
+MOST_FITS, MOST_IN_HASTE = 4, 2
+"""Candidates fitted inside the twin in a round, and by a search whose time is up."""
 WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
 """Of the best candidate's gain: what is fitted beside another effect, and beside one that can be named already."""
 WORTH_BESIDE_ELEMENTS = 0.25
@@ -87,7 +88,7 @@ class SearchState:
     that the root's law was found beside; `seen` are the models that were fitted inside the twin, `first` and `tried`
     those of the first round, `later` those of the others; `laws` those of the base that may be asked for, and
     `law_first` that one leads a further effect, or that none is asked for any more; `delayed` that a dead time of some
-    rows does as well as the lag that was found.
+    rows does as well as the lag that was found; `kept` the search as it was when all of it belonged together last.
     """
 
     problem: Problem
@@ -110,6 +111,18 @@ class SearchState:
     laws: Sequence[BaseLaw] = BASE_LAWS
     law_first: bool = False
     delayed: bool = False
+    kept: SearchState | None = None
+
+    def keep(self, chosen: FittedCandidate | None = None) -> None:
+        """Remembers the search as it is, `chosen` where one was, for the case that its time is up before it is done."""
+        self.kept = replace(
+            self,
+            chosen=chosen or self.chosen,
+            seen=[*self.seen],
+            later=[*self.later],
+            freed={**self.freed},
+            kept=None,
+        )
 
     def borne_out(self, after: ModelFit | None, before: ModelFit | None = None) -> ModelFit | None:
         """A model with another law of the base, where recordings of this kind bear it out beside the root."""
@@ -335,6 +348,10 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
     problem, model_fit = state.problem, state.model_fit
     worth = least_fall(problem, state.chosen) if state.chosen is not None else 0.0
     ranked = rank(problem, state.evidence, model_fit, state.nominal, state.progress, worth)
+    if first:
+        state.first = ranked
+        state.keep()
+    check_time()
     if first and _other_law(state, ranked):
         if state.begin_again is not None:
             return None
@@ -359,6 +376,18 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
         fits = best_refined(problem, state.root, fits, state.evidence.best(problem, fits), state.progress)
     best = _best(state, fits)
     return None if best is not None and not first and _law_before(state, ranked) else best
+
+
+def best_in_haste(state: SearchState) -> FittedCandidate | None:
+    """The best of the first candidates and its close rivals, fitted inside the twin; None without a name.
+
+    For a search whose time is up before any was taken.
+    """
+    passing = state.evidence.worth_fitting(state.problem, state.root, state.first)
+    state.tried = _fit_down(state, state.root, passing[:MOST_IN_HASTE])
+    named = [one for one in state.tried if one.named]
+    best = state.evidence.best(state.problem, named) if named else None
+    return best if best is not None and state.worth_having(best) else None
 
 
 def _as_beside(state: SearchState, fits: list[FittedCandidate]) -> list[FittedCandidate]:

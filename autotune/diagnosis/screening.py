@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from autotune.core.time_limit import TimeIsUp, limited
 from autotune.diagnosis.candidates import Progress, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts_of
@@ -92,6 +93,7 @@ def rank(
     Beside an effect that is there already only those are followed to the end whose short fits come near the
     best one, and near the fall of the mean square that a further effect is `worth` having for [(N m)²]. No spring
     is looked for beside a gap, which has one, and no weight beside a spring where it would be that spring's course.
+    Where time is up those that were tried until then are told.
     """
     base = _walked_on(problem, model_fit)
     tried: list[tuple[Kind, list[_ShortFit]]] = []
@@ -101,10 +103,15 @@ def rank(
             continue
         progress(f"candidate {kind.name}")
         needed = _needed(problem, evidence, base, tried, worth) if kind.in_transmission else 0.0
-        if fits := _short_fits(problem, base, nominal, kind, needed):
+        try:
+            fits = _short_fits(problem, base, nominal, kind, needed)
+        except TimeIsUp:
+            break
+        if fits:
             tried.append((kind, fits))
     least = _least_fall(problem, base, [fits[0] for _, fits in tried], worth)
-    found = [_followed(problem, evidence, base, kind, fits, least) for kind, fits in tried]
+    with limited(math.inf):
+        found = [_followed(problem, evidence, base, kind, fits, least) for kind, fits in tried]
     found = evidence.borne_out(model_fit, [item for item in found if np.isfinite(item.gain)])
     return sorted(found, key=lambda item: -item.gain)
 

@@ -6,9 +6,11 @@ The order of a search's steps: laws of the base first, then round by round (`rou
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
+from autotune.core.time_limit import TimeIsUp, limited
 from autotune.diagnosis.backward import Backward
 from autotune.diagnosis.base_laws import BASE_LAWS, CLIMB_LAW, with_base_shapes
 from autotune.diagnosis.candidates import (
@@ -50,7 +52,7 @@ from autotune.diagnosis.refits import (
     with_noise_of,
     without_effect,
 )
-from autotune.diagnosis.rounds import SearchState, next_best, one_round, otherwise
+from autotune.diagnosis.rounds import SearchState, best_in_haste, next_best, one_round, otherwise
 from autotune.diagnosis.screening import (
     at_its_best,
     generic_gains,
@@ -102,6 +104,7 @@ class Found:
         spring: the chosen model with a spring where it has hardly a gap; None where it has none, or is chosen itself.
         unloaded: the chosen effects without a second mass among them, where that tells of it; else None.
         delayed: whether a dead time of some rows does as well as the lag among them.
+        cut_short: its time was up: not all was asked, and what was found was not asked whether it is needed.
     """
 
     problem: Problem
@@ -121,6 +124,7 @@ class Found:
     spring: FittedCandidate | None = None
     unloaded: ModelFit | None = None
     delayed: bool = False
+    cut_short: bool = False
 
     @property
     def model_fit(self) -> ModelFit:
@@ -135,14 +139,40 @@ def search(
     progress: Progress,
     may_begin_again: bool = False,
     beside: ModelFit | None = None,
+    until: float = math.inf,
 ) -> Found:
     """Adds the best candidate until nothing more is found, and drops what is not needed beside the others.
 
     Where the base turns out to have another law, a search that `may_begin_again` ends there: how torque and motion
     belong together, and how the twin is shaken, were found with another base. `beside`: what it was found beside then.
+    After the deadline `until` it ends with what was found so far.
     """
     evidence = evidence_of(problem.data)
-    return _found(SearchState(problem, root, nominal, progress, evidence, may_begin_again, beside=beside))
+    state = SearchState(problem, root, nominal, progress, evidence, may_begin_again, beside=beside)
+    state.keep()
+    try:
+        with limited(until):
+            return _found(state)
+    except TimeIsUp:
+        return _found_so_far(state.kept or state)
+
+
+def _found_so_far(state: SearchState) -> Found:
+    """What a search has found whose time is up.
+
+    Of several effects those that the others do not need are dropped still, and a memory is none that may be the base's
+    own presliding: a name that is wrong is worse than a few seconds.
+    """
+    if state.chosen is None and state.first:
+        state.chosen = best_in_haste(state)
+    if state.chosen is not None and len(state.chosen.model_fit.effects) > 1:
+        _tidy(state)
+    chosen = state.chosen
+    if chosen is not None and MEMORY in chosen.model_fit.effects:
+        own = with_own_presliding(state.problem, state.root, chosen.model_fit)
+        state.chosen = chosen if own is None else None
+    seen = (state.problem, state.root, state.chosen, state.first, state.tried, state.generic)
+    return Found(*seen, state.still_freed(), cut_short=True)
 
 
 def _found(state: SearchState) -> Found:
@@ -164,6 +194,7 @@ def _found(state: SearchState) -> Found:
         return replace(anew, beside=state.beside)
     led_from_elsewhere(state)
     _tidy(state)
+    state.keep()
     if _loaded_by_the_loop(state):
         _seek_on(state)
         _tidy(state)
@@ -198,6 +229,8 @@ def _found(state: SearchState) -> Found:
 def _seek(state: SearchState) -> None:
     """Adds effects to the root, one beside the other, as long as they explain enough."""
     state.chosen, state.seen, state.later, state.freed = None, [], [], {}
+    state.first = ()
+    state.keep()
     _seek_on(state)
 
 
@@ -210,8 +243,10 @@ def _seek_on(state: SearchState) -> None:
         best = next_best(state, first=state.chosen is None)
         if best is None:
             break
+        state.keep(best)
         if not _shaped_instead(state, best):
             take(state, best)
+        state.keep()
 
 
 def _shaped_instead(state: SearchState, further: FittedCandidate) -> bool:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from autotune.core.time_limit import deadline
 from autotune.diagnosis.base_laws import told_of_base
 from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
@@ -34,6 +35,7 @@ from autotune.diagnosis.wording import (
     ALL_CONTACT,
     AMBIGUOUS,
     CONFIRMED,
+    CUT_SHORT,
     DELAYED,
     DROWNED,
     HUNTS,
@@ -89,6 +91,7 @@ class Diagnosis:
         notes: sentences for people.
         recordings: those that were diagnosed; where each was by itself, the one that the model is fitted to.
         base: sentences on laws of the base that were found, which the model that was given has not.
+        complete: all was asked; else its time was up, nothing is confirmed, and "none" is never said.
     """
 
     verdict: str
@@ -109,6 +112,7 @@ class Diagnosis:
     root: ModelFit | None = field(default=None, repr=False)
     recordings: tuple[Recording, ...] = field(default=(), repr=False)
     base: tuple[str, ...] = ()
+    complete: bool = True
 
 
 def diagnose(
@@ -118,33 +122,38 @@ def diagnose(
     *,
     policy: Policy = POLICY,
     candidates: Sequence[Kind] | None = None,
+    at_most: float = math.inf,
 ) -> Diagnosis:
     """What the model lacks, by the evidence of recordings.
 
-    `candidates` are the effects that may be missing; all of the library where none are given.
+    `candidates` are the effects that may be missing; all of the library where none are given. After `at_most` seconds
+    of search no more is asked, and the verdict is on what was found until then.
 
     Raises:
         RecordingError, ConfigurationError: recordings that cannot be used, or of another axis.
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
+    until = deadline(at_most)
     check_same_axis(model, recordings)
     data, whole = prepared_both(recordings, policy)
     error_rms, relative_error = stated(whole, model, policy)
 
     def searched(data: Prepared, contrary: bool = False) -> Searched:
-        return _searched(data, model, progress, policy, candidates, contrary)
+        return _searched(data, model, progress, policy, candidates, contrary, until)
 
     own = own_recordings(recordings, data)
     verdict = of_each(own, searched, judge, progress)
     if verdict is None:
         there = searched(data)
         verdict = _together(there, progress)
-        if verdict.verdict == UNKNOWN and _may_be_another_row(there):
+        if verdict.verdict == UNKNOWN and verdict.complete and _may_be_another_row(there):
             progress("the torque of another row")
             verdict = _likelier(verdict, there, searched(data, contrary=True), progress)
     if own and not verdict.recordings and verdict.confidence == CONFIRMED:
         notes = ("Suspected only: no recording tells enough by itself.", *verdict.notes)
         verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
+    if not verdict.complete:
+        verdict = replace(verdict, notes=(CUT_SHORT.format(seconds=at_most), *verdict.notes))
     return replace(
         verdict,
         error_rms=error_rms,
@@ -194,10 +203,11 @@ def _searched(
     policy: Policy,
     candidates: Sequence[Kind] | None,
     contrary: bool = False,
+    until: float = math.inf,
 ) -> Searched:
     """What a search comes to, begun again where the base turns out to have another law; with the model, and notes.
 
-    `contrary`: see `begin`.
+    `contrary`: see `begin`; `until`: see `search`.
     """
     earlier: Found | None = None
     said: tuple[str, ...] = ()
@@ -210,7 +220,7 @@ def _searched(
         beside = earlier.beside if earlier is not None else None
         if earlier is not None and beside is not None and _leaves_more(problem, beside):
             problem, root, notes = earlier.problem, earlier.root, said
-        found = search(problem, root, nominal, progress, earlier is None, beside)
+        found = search(problem, root, nominal, progress, earlier is None, beside, until)
         if found.begin_again is None:
             break
         earlier, said = found, notes_after(notes, problem, found.problem)
@@ -352,6 +362,7 @@ CASES: tuple[Case, ...] = (
         AMBIGUOUS,
         _its_course,
     ),
+    Case("its time was up", lambda f: f.cut_short, UNKNOWN, lambda f: ""),
     Case("friction rises and falls with the clock", lambda f: f.breathing is not None, UNKNOWN, _breathing),
     Case(
         "a force in step with the clock comes and goes",
@@ -379,7 +390,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         effects = facts.chosen.model_fit.effects
         sure = case.verdict == NAMED and facts.evidence.confirms(facts.problem, effects, carried)
         sure = sure and not (facts.veto_silent or facts.unlike or facts.little_told or facts.all_contact)
-        sure = sure and not (facts.delayed or facts.shared_out)
+        sure = sure and not (facts.delayed or facts.shared_out or facts.cut_short)
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
@@ -399,6 +410,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     final = chosen.model_fit if chosen is not None and effects else facts.root
     problem, root = facts.problem, facts.root
     own_axis = bool(problem.data.metadata.fingerprint)
+    ask = next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis, _kinds(problem))
     return Diagnosis(
         case.verdict,
         effects,
@@ -407,7 +419,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         confusable,
         variance_shares(problem.data, root.fitted.error, problem.training > 0),
         facts.evidence.noise_rms(problem, final),
-        next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis, _kinds(problem)),
+        None if facts.cut_short else ask,
         problem.twin,
         unseen_error(problem, final),
         notes=(*notes, *filter(None, said), TORQUE_CONSTANT),
@@ -415,6 +427,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         model_fit=final,
         root=root,
         base=facts.base,
+        complete=not facts.cut_short,
     )
 
 

@@ -33,6 +33,10 @@ TORQUE_CONSTANT = (
     "A wrong torque constant cannot be seen in these data: all torques scale with it. An independent "
     "inertia or a known added mass would show it."
 )
+CUT_SHORT = (
+    "Stopped after {seconds:.0f} s, before all was asked: what is named is suspected only and may not be all, and what "
+    "is not named may be there. With more time (--at-most) the rest is asked."
+)
 DROWNED = (
     "That disturbance is larger than all that an effect explains; what it hides cannot be told. Remove its source, or "
     "record while it is off."
@@ -532,6 +536,19 @@ def sets_of_rivals(
         usual.sort(key=lambda rival: -gains[rival])
         sets.append(tuple(dict.fromkeys([effect, *elsewhere, *usual])))
     return tuple(rivals for rivals in sets if len(rivals) > 1)
+
+
+def headline(verdict: str, effects: Sequence[str], confidence: str | None, complete: bool) -> str:
+    """The verdict in a line; `complete`: all was asked, and the time was not up before."""
+    names = ", ".join(effects)
+    if verdict == UNKNOWN and not complete:
+        return "time was up before anything had a name: whether something is missing is not known"
+    return {
+        NAMED: f"missing: {names} ({confidence})",
+        NONE: "nothing is missing that these data could show",
+        UNKNOWN: "something is missing that is none of the known effects",
+        AMBIGUOUS: f"missing: {names}, or what looks like it",
+    }[verdict]
 
 
 def next_experiment(

@@ -143,7 +143,9 @@ def verdict_words(result: Diagnosis) -> str:
     text = {
         "named": f"Missing in the model: {names} ({result.confidence}).",
         "none": "Nothing is missing that these data could show.",
-        "unknown": "Something is missing that is none of the known effects.",
+        "unknown": "Something is missing that is none of the known effects."
+        if result.complete
+        else "Time was up before anything had a name.",
         "ambiguous": f"Missing in the model: {names}, or something that looks like it here.",
     }[result.verdict]
     return " ".join([text, *result.notes])

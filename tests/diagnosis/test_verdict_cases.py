@@ -57,6 +57,7 @@ NOTHING = {
     "relaxed": None,
     "loud": False,
     "gaps": (),
+    "cut_short": False,
 }
 SPRUNG = "elastic_transmission"
 CRANK = OtherProportion("encoder_eccentricity", 0.46, 0.02)
@@ -124,6 +125,9 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         ({"gaps": (GAP,)}, "unknown"),
         ({"gaps": (GAP,), "own_law": True}, "unknown"),
         (FOUND | {"gaps": (GAP,)}, "named"),
+        ({"cut_short": True}, "unknown"),
+        ({"cut_short": True, "own_law": True}, "unknown"),
+        (FOUND | {"cut_short": True}, "named"),
     ],
 )
 def test_facts_lead_to_a_verdict(facts: dict[str, object], verdict: str) -> None:
@@ -152,6 +156,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(loud=True),
         _row(line=TimeLine(15.6, 0.3, steady=False)),
         _row(gaps=(GAP,)),
+        _row(cut_short=True),
     }
     assert {name for _, name in reached} == {case.name for case in CASES}
     assert len({case.name for case in CASES}) == len(CASES)

@@ -1,0 +1,43 @@
+"""A limit of time for work that has something to show before it is done.
+
+Only what asks can be stopped: passes of kernels do before each (`core.side_by_side`), a few seconds at most apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from time import monotonic
+
+_END: ContextVar[float] = ContextVar("end", default=math.inf)
+
+
+class TimeIsUp(Exception):
+    """The time that the work inside `limited` may take is over."""
+
+
+def deadline(seconds: float) -> float:
+    """The moment so many seconds from now, for `limited`; `inf` is no limit."""
+    return monotonic() + seconds
+
+
+@contextmanager
+def limited(until: float) -> Iterator[None]:
+    """Has work inside end with `TimeIsUp` soon after a `deadline`."""
+    before = _END.set(until)
+    try:
+        yield
+    finally:
+        _END.reset(before)
+
+
+def check_time() -> None:
+    """Goes on while there is time.
+
+    Raises:
+        TimeIsUp: there is none left.
+    """
+    if monotonic() > _END.get():
+        raise TimeIsUp
