@@ -36,9 +36,7 @@ from autotune.estimation.contact_start import (
     usually_damped,
 )
 from autotune.estimation.controller import (
-    ADDED,
-    AS_READ,
-    FEEDS_FRICTION,
+    TOLD_OF_LOOP,
     as_acted,
     as_recorded,
     by_sensor_compared,
@@ -114,7 +112,7 @@ def begin(
         notes = (*no_twin, *said, *loop_note(data, policy))
     laws = controllers_of(data, found, policy)
     law, disturbance = told_by_twin(data, laws, packed, policy)
-    read = tuple(said for said in data.metadata.remarks if said.startswith((AS_READ, FEEDS_FRICTION, ADDED)))
+    read = tuple(said for said in data.metadata.remarks if said.startswith(TOLD_OF_LOOP))
     notes = (*law.notes, *read, *notes)
     if law.usable and by_sensor_compared(data, law):
         notes = (*notes, BY_SENSOR)

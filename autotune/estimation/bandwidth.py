@@ -39,6 +39,7 @@ from autotune.estimation.alignment import (
 from autotune.estimation.controller import (
     as_read,
     find_controller,
+    with_feedforward_late,
     with_friction_fed,
     with_torque_added,
 )
@@ -450,7 +451,8 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     most = max(compared_below(longest.period), bands.error)
     data = _quiet(recordings, most, pace)
     law = find_controller(data, policy)
-    told = with_friction_fed(recordings, data, policy)
+    told = with_feedforward_late(recordings, data, policy)
+    told = with_friction_fed(recordings, data, policy) if told is recordings else told
     told = with_torque_added(recordings, data, policy) if told is recordings else told
     read = [as_read(recording, law) for recording in told]
     if any(one is not recording for one, recording in zip(read, recordings, strict=True)):

@@ -47,7 +47,9 @@ from autotune.estimation.controller_law import (
     smeared_samples,
 )
 from autotune.estimation.controller_search import (
+    ANY_FILTER,
     EXACT,
+    fed_late,
     friction_fed_forward,
     law_from_data,
     plain_in_band,
@@ -81,6 +83,11 @@ AS_ACTED = (
 )
 FEEDS_FRICTION = "The controller feeds friction forward, "
 FRICTION_FED = FEEDS_FRICTION + "{:.3g} {} by the sign of its reference's speed; that was told by its demand."
+LOGGED_FEEDFORWARD = "The feedforward in the file "
+FED_LATE = LOGGED_FEEDFORWARD + (
+    "is in the torque {:.2g} rows ({:.2g} ms) later: it was logged as it was asked for, "
+    "before the dead time of the loop. It is taken as it acts."
+)
 ADDED = "To the controller's torque another one was added "
 TORQUE_ADDED = ADDED + (
     "in '{names}', which no column of the file holds: what the controller's law, as it is in all other experiments, "
@@ -90,13 +97,13 @@ KICKED = (
     " It is largest where the speed of the reference steps: an acceleration feedforward kicks the axis there, for less "
     "than a row. Where that is so, round the reference off, and record again."
 )
+TOLD_OF_LOOP = (AS_READ, FEEDS_FRICTION, LOGGED_FEEDFORWARD, ADDED)
+"""How remarks begin that tell what was found out about the loop."""
 KICK, NEAR_KICK = 5.0, 2
 """Times the second differences that a hundredth of the rows exceeds: a step of the speed; and the rows beside it."""
 MOST_ADDED, LEAST_LEFT, FAR_LESS = 3, 0.5, 0.5
 """Experiments that a torque may be added in; of the rows, what must be left to tell the law; and what a law's terms may
 leave of the demand without such an experiment, of what they leave with it."""
-ANY_FILTER = 0.5
-"""Share of a new difference in the filtered one, where only the terms of some law are wanted."""
 _ASKED: Remembered[Floats] = Remembered(12)
 KNOWN_LAWS: Remembered[tuple[PositionController, ...]] = Remembered()
 KNOWN_FED: Remembered[Floats | None] = Remembered(4)
@@ -479,6 +486,22 @@ def _with_column(recording: Recording, name: str, values: Floats, remark: str) -
     """The recording with other values in a column, and a remark on why."""
     told = replace(recording, floats=MappingProxyType({**recording.floats, name: values}))
     return told.with_metadata(remarks=(*recording.metadata.remarks, remark))
+
+
+def with_feedforward_late(
+    recordings: Sequence[Recording], data: Prepared, policy: Policy
+) -> Sequence[Recording]:
+    """Recordings with their feedforward as late as it is in the torque, where their controller has a law only then; as
+    in `with_friction_fed`."""
+    if not (data.closed and np.any(data.feedforward)) or _of_all_rows(find_controller(data, policy)):
+        return recordings
+    found = fed_late(loop_samples(data, policy), data.feedforward)
+    if found is None:
+        return recordings
+    acts, late = found
+    if not _of_all_rows(find_controller(replace(data, feedforward=acts), policy)):
+        return recordings
+    return _with_feedforward(recordings, acts, FED_LATE.format(late, 1e3 * late * data.period))
 
 
 def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:

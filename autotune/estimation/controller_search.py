@@ -58,6 +58,10 @@ EXACT = 1e-6
 """Share of the demand left that rounding explains: nothing is left for another law then."""
 NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
 """Share of the demand left from which laws with delays are looked for, and of what is left, to be taken."""
+ANY_FILTER = 0.5
+"""Share of a new difference in the filtered one, where only the terms of some law are wanted."""
+AS_FED = 0.1
+"""Relative: by how much a feedforward may be another one in the torque than in its column, as units are rounded."""
 HARDLY_MORE = 1.01
 """Times the share left by a late law with all terms of the reference: a plainer one that leaves no more is taken."""
 AROUND_ROW = range(-2, 3)
@@ -384,6 +388,37 @@ def friction_fed_forward(samples: LoopSamples) -> Floats | None:
     if size <= 0.0 or explained <= samples.policy.controller_explains_in_band:
         return None
     return size * sign(late_rows(rate, samples, r), float(np.exp(sharp)))
+
+
+def fed_late(samples: LoopSamples, fed: Floats) -> tuple[Floats, float] | None:
+    """A recorded feedforward, shape (n,), as it is in the torque, and how many rows later that is; None where it is in
+    step with it, or where nothing tells.
+
+    A host logs what it asks for in a row, and the torque that its drive tells of has all of that rows later: after its
+    dead time, and smeared over two rows by a current loop. Any law of the last rows of reference and position stands
+    for the rest, so that none need be known.
+    """
+    chosen, run = law_rows(samples, ANY_FILTER)
+    rows = range(MOST_LATE + 3)
+    own = [late_rows(fed, samples, late)[chosen] for late in rows]
+    seen = [samples.reference, samples.position]
+    past = [late_rows(values, samples, late)[chosen] for values in seen for late in rows]
+    past.append(law_terms(samples, ANY_FILTER)[chosen, 2])
+    triangle = reduced([*past, *own], (samples.demand + fed)[chosen], run)
+
+    def beside_law(*late: int) -> Solved:
+        places = [*range(len(past)), *(len(past) + one for one in late)]
+        return triangle.fitted(np.eye(len(past) + len(own))[:, places])
+
+    fits = [beside_law(late, late + 1) for late in rows[:-1]]
+    late = max(rows[:-1], key=lambda one: fits[one].explained)
+    whole, last = float(fits[late].gains[-2:].sum()), float(fits[late].gains[-1])
+    in_step = 1.0 - beside_law(0).explained
+    if 1.0 - fits[late].explained > WORTH_DELAYS * in_step or abs(whole - 1.0) > AS_FED:
+        return None
+    share = min(max(last / whole, 0.0), 1.0)
+    acts = whole * ((1.0 - share) * late_rows(fed, samples, late) + share * late_rows(fed, samples, late + 1))
+    return acts, late + share
 
 
 def _fed_trials(

@@ -19,6 +19,7 @@ from autotune.estimation.controller import (
     find_controller,
     identified,
     loop_samples,
+    with_feedforward_late,
     with_friction_fed,
     with_torque_added,
 )
@@ -33,6 +34,7 @@ from autotune.estimation.controller_law import (
 from autotune.estimation.controller_search import (
     _late_trials,
     _of_prompt_rows,
+    fed_late,
     first_look,
     law_from_data,
     plain_in_band,
@@ -642,6 +644,58 @@ def test_friction_that_a_controller_feeds_forward_is_told_and_leaves_its_law() -
     assert found.usable
     assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.05)
     assert "feeds friction forward" in told.metadata.remarks[-1]
+
+
+def _feeding_late(late: int, smeared: float = 0.0) -> tuple[Recording, np.ndarray]:
+    """The same motion twice, behind a host that logs its feedforward as it asks for it; and what of it is in a torque.
+
+    All that the host asks for is in the torque so many rows later, a share of it in the row after that.
+    """
+    plain, law = recorded(TRUE, seed=4, seconds=10.0), replace(TRUE, position_delay=late, kp=2.0, ki=20.0)
+    reference = plain["reference"]
+    rate = np.diff(reference, prepend=reference[0]) / PERIOD
+    fed = 0.04 * np.tanh(rate / 0.4) + 1.6e-4 * np.gradient(rate, PERIOD)
+
+    def later(values: np.ndarray) -> np.ndarray:
+        shown = delayed(values, late, float(values[0]))
+        return (1.0 - smeared) * shown + smeared * delayed(shown, 1, float(shown[0]))
+
+    parts = []
+    for chance in (5, 6):
+        noise = np.random.default_rng(chance).normal(0.0, 2e-3, len(fed))
+        columns = followed(delayed(reference, late, reference[0]), noise + later(fed), law, base_model(AXIS))
+        torque = (
+            columns["torque"] + later(fed) + np.random.default_rng(chance + 2).normal(0.0, 1e-3, len(fed))
+        )
+        parts.append(columns | {"torque": torque, "reference": reference, "torque_feedforward": fed})
+    whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    whole["time"] = np.arange(len(whole["torque"])) * PERIOD
+    repeat = np.repeat([0, 1], len(fed))
+    return Recording.from_columns(whole, plain.metadata, "motion", repeat), np.tile(later(fed), 2)
+
+
+@pytest.mark.parametrize(("late", "smeared"), [(2, 0.0), (3, 0.0), (1, 0.2)])
+def test_a_feedforward_that_was_logged_before_the_loops_dead_time_is_taken_as_it_acts(
+    late: int, smeared: float
+) -> None:
+    """Of hosts with a dead time no law was found: their feedforward was taken off the torque rows too soon."""
+    recording, acts = _feeding_late(late, smeared)
+    data = prepare([recording])
+    assert not find_controller(data).usable
+    (told,) = with_feedforward_late([recording], data, POLICY)
+    assert np.std(told["torque_feedforward"] - acts) < 0.02 * np.std(acts)
+    found = find_controller(prepare([told]))
+    assert (found.position_delay, found.kp) == (late, pytest.approx(2.0, rel=0.02))
+    assert "before the dead time" in told.metadata.remarks[-1]
+
+
+def test_a_feedforward_that_is_in_step_with_its_torque_stays_as_it_is() -> None:
+    recording, acts = _feeding_late(0)
+    data = prepare([recording])
+    assert fed_late(loop_samples(data), data.feedforward) is None
+    assert with_feedforward_late([recording], data, POLICY)[0] is recording
+    other = with_torque(recording, np.random.default_rng(6).normal(0.0, 0.1, len(acts)))
+    assert with_feedforward_late([other], prepare([other]), POLICY)[0] is other
 
 
 def _shaken_in_one(size: float) -> tuple[Recording, np.ndarray]:
