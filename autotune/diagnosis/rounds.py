@@ -379,14 +379,13 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
 
 
 def best_in_haste(state: SearchState) -> FittedCandidate | None:
-    """The best of the first candidates and its close rivals, fitted inside the twin; None without a name.
+    """The best of the first candidates and its close rival, fitted inside the twin, if it is worth having.
 
-    For a search whose time is up before any was taken.
+    For a search whose time is up before any was taken. One that began again has what its base was found beside, too.
     """
     passing = state.evidence.worth_fitting(state.problem, state.root, state.first)
-    state.tried = _fit_down(state, state.root, passing[:MOST_IN_HASTE])
-    named = [one for one in state.tried if one.named]
-    best = state.evidence.best(state.problem, named) if named else None
+    state.tried = _as_beside(state, _fit_down(state, state.root, passing[:MOST_IN_HASTE]))
+    best = state.evidence.best(state.problem, state.tried) if state.tried else None
     return best if best is not None and state.worth_having(best) else None
 
 

@@ -163,7 +163,7 @@ def _found_so_far(state: SearchState) -> Found:
     Of several effects those that the others do not need are dropped still, and a memory is none that may be the base's
     own presliding: a name that is wrong is worse than a few seconds.
     """
-    if state.chosen is None and state.first:
+    if state.chosen is None and (state.first or state.beside is not None):
         state.chosen = best_in_haste(state)
     if state.chosen is not None and len(state.chosen.model_fit.effects) > 1:
         _tidy(state)
