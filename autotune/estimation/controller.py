@@ -49,6 +49,7 @@ from autotune.estimation.controller_law import (
 from autotune.estimation.controller_search import (
     ANY_FILTER,
     EXACT,
+    WORTH_DELAYS,
     fed_late,
     friction_fed_forward,
     law_from_data,
@@ -491,17 +492,27 @@ def _with_column(recording: Recording, name: str, values: Floats, remark: str) -
 def with_feedforward_late(
     recordings: Sequence[Recording], data: Prepared, policy: Policy
 ) -> Sequence[Recording]:
-    """Recordings with their feedforward as late as it is in the torque, where their controller has a law only then; as
-    in `with_friction_fed`."""
-    if not (data.closed and np.any(data.feedforward)) or _of_all_rows(find_controller(data, policy)):
-        return recordings
-    found = fed_late(loop_samples(data, policy), data.feedforward)
-    if found is None:
+    """Recordings with their feedforward as late as it is in the torque, where that tells more of their controller; as in
+    `with_friction_fed`.
+    """
+    before = find_controller(data, policy) if data.closed and np.any(data.feedforward) else None
+    found = None
+    if before is not None and not before.exact:
+        found = fed_late(loop_samples(data, policy), data.feedforward)
+    if before is None or found is None:
         return recordings
     acts, late = found
-    if not _of_all_rows(find_controller(replace(data, feedforward=acts), policy)):
+    after = find_controller(replace(data, feedforward=acts), policy)
+    if not _of_all_rows(after) or (_of_all_rows(before) and not _tells_more(after, before)):
         return recordings
     return _with_feedforward(recordings, acts, FED_LATE.format(late, 1e3 * late * data.period))
+
+
+def _tells_more(law: PositionController, other: PositionController) -> bool:
+    """Whether a law is one of the rows and the other is told below the compared frequency only, or leaves half of it."""
+    if law.in_band != other.in_band:
+        return other.in_band
+    return 1.0 - law.explained < WORTH_DELAYS * (1.0 - other.explained)
 
 
 def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:
