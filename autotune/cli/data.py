@@ -12,6 +12,11 @@ from autotune.core.errors import ConfigurationError
 from autotune.recordings.files import write_recording
 from autotune.recordings.recording import MOTION_UNITS, Controller, Recording
 
+CONTROLLER_HELP = (
+    "Gains of its position controller in SI: torque by position (kp), by speed (kd), by position and second (ki); "
+    "derivative_filter too, the share of a new difference in the filtered one, 1 - exp(-period / time constant). Any "
+    "other law, such as cascaded loops, is found in the data: leave it out."
+)
 data = typer.Typer(no_args_is_help=True, help="Recordings that others made.")
 
 
@@ -51,7 +56,7 @@ def import_(
     ] = False,
     torque_limit: Annotated[float | None, typer.Option(help="Where the drive clamps its torque.")] = None,
     controller: Annotated[
-        str | None, typer.Option(metavar="'pid kp=… kd=… ki=…'", help="Its gains; derivative_filter=… too.")
+        str | None, typer.Option(metavar="'pid kp=… kd=… ki=…'", help=CONTROLLER_HELP)
     ] = None,
     experiment: Annotated[
         str | None,

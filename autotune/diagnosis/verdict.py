@@ -327,7 +327,7 @@ def _unlike(facts: Facts) -> str:
         return ""
     return (
         f"Of '{facts.unlike}' more than a tenth of what comes again is left, beyond doubt: the effect has another law, "
-        "or it is another one that it resembles."
+        "or it is another one that it resembles, or there is another effect beside it."
     )
 
 

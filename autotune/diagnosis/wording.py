@@ -144,7 +144,7 @@ NOT_LOOKED_FOR = (
     "followed, and all of the torque that the axis was given."
 )
 MOVED = (
-    "The axis answers {late:.2g} ms after the torque that is recorded. A current loop or a filter between demand "
+    "The axis answers {late:.2g} ms after the torque that {told}. A current loop or a filter between demand "
     "and torque is late so, and so is a torque that is read sooner than its row: nothing in these data tells which it "
     "is, nor whether it is an effect of the axis. It is taken out."
 )
@@ -220,7 +220,8 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
         said = CYCLES_OR_LAG if law is not None and law.ticks > 1 else CYCLES_LATE
         notes.append(said.format(cycles=cycles, period=1e3 * data.upsampling * data.period))
     elif law is not None and data.late > 0.0:
-        notes.append(MOVED.format(late=1e3 * data.late * data.period))
+        told = "its controller asked for" if law.asked > 0.0 else "is recorded"
+        notes.append(MOVED.format(late=1e3 * data.late * data.period, told=told))
     elif law is None and abs(data.late) >= data.upsampling:
         when = "later" if data.late > 0.0 else "sooner"
         notes.append(MOVED_UNTOLD.format(late=1e3 * abs(data.late) * data.period, when=when))

@@ -492,8 +492,9 @@ def _with_column(recording: Recording, name: str, values: Floats, remark: str) -
 def with_feedforward_late(
     recordings: Sequence[Recording], data: Prepared, policy: Policy
 ) -> Sequence[Recording]:
-    """Recordings with their feedforward as late as it is in the torque, where that tells more of their controller; as in
-    `with_friction_fed`.
+    """Recordings with their feedforward as late as it is in the torque, where that tells more of their controller.
+
+    As in `with_friction_fed`.
     """
     before = find_controller(data, policy) if data.closed and np.any(data.feedforward) else None
     found = None
@@ -509,7 +510,7 @@ def with_feedforward_late(
 
 
 def _tells_more(law: PositionController, other: PositionController) -> bool:
-    """Whether a law is one of the rows and the other is told below the compared frequency only, or leaves half of it."""
+    """Whether a law is one of the rows and the other told below the compared frequency only, or leaves half."""
     if law.in_band != other.in_band:
         return other.in_band
     return 1.0 - law.explained < WORTH_DELAYS * (1.0 - other.explained)
@@ -763,8 +764,10 @@ def _replaced(named: PositionController, found: PositionController) -> str:
         )
     if same:
         return left + "Its gains are the same: what differs is a filter of the derivative or a feedforward."
+    unnamed = " or name its derivative_filter;" * (named.derivative_filter == 1.0)
     return (
-        left + "Mend the gains in the file, or name its derivative_filter; a feedforward can differ so too."
+        left
+        + f"Mend the gains in the file,{unnamed} or its law differs: a feedforward, a dead time, cascaded loops."
     )
 
 

@@ -42,6 +42,10 @@ CONDITIONING = "conditioning"
 RESERVED_EXPERIMENTS = (CONDITIONING, "veto", "test")
 
 
+SLOWEST_FILTER = 0.005
+"""Least share of a new difference in a filtered one: no loop's derivative is 200 samples slow."""
+
+
 @dataclass(frozen=True, slots=True)
 class Controller:
     """u = kp·e + kd·d + ki·Σe·h, d ← d + derivative_filter·((Δr − Δy)/h − d).
@@ -83,6 +87,14 @@ class Controller:
         if not np.all(np.isfinite(list(gains.values()))):
             raise RecordingError(
                 f"controller {text!r} has a gain that is not finite; every gain must be a number"
+            )
+        smoothing = gains.get("derivative_filter", 1.0)
+        if not SLOWEST_FILTER <= smoothing <= 1.0:
+            raise RecordingError(
+                f"controller {text!r}: derivative_filter is {smoothing:g}; it must be at least "
+                f"{SLOWEST_FILTER:g} and at most 1: it is the share of a new difference in the filtered one, 1 for no "
+                "filter. Of a time constant T it is 1 - exp(-h / T), of a corner frequency f 1 - exp(-2 pi f h), h the "
+                "loop's period"
             )
         return cls(**gains)
 

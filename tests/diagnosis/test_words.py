@@ -168,6 +168,8 @@ def test_how_late_the_torque_acts_is_said_as_far_as_it_is_told(
     notes = torque_path_notes(data, PositionController(ticks=ticks))
     assert len(notes) == bool(said)
     assert all(said in note and "taken out" in note for note in notes)
+    asked = torque_path_notes(data, PositionController(ticks=ticks, asked=20.0))
+    assert all("after the torque that its controller asked for" in one for one in asked if "answers" in one)
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,7 @@ def test_unknown_units_are_not_guessed(text: str) -> None:
         ("Position [deg]", "Position", "deg"), ("pos_deg", "pos", "deg"), ("Torque in Nm", "Torque", "Nm"),
         ("Speed(rpm)", "Speed", "rpm"), ("Time, s", "Time", "s"), ("time", "time", ""),
         ("position_actual", "position_actual", ""), ("q_m", "q_m", ""), ("pos_m", "pos_m", ""),
-        ("vel_rad/s", "vel", "rad/s"),
+        ("vel_rad/s", "vel", "rad/s"), ("force_N", "force", "N"), ("Kraft_N", "Kraft", "N"), ("samples_N", "samples_N", ""),
         ("Time / s", "Time", "s"), ("Speed / rad/s", "Speed", "rad/s"), ("Position/deg", "Position", "deg"),
     ],
 )  # fmt: skip
@@ -139,6 +139,7 @@ def test_units_in_names(header: str, name: str, unit: str) -> None:
         ("actual_q_1", "rad", "position"), ("joint_q", "", "position"), ("target_q_1", "rad", ""), ("q x", "rad", ""),
         ("setpoint", "deg", "reference"), ("Set point", "deg", "reference"), ("Torque feed-forward", "Nm",
         "torque_feedforward"), ("Sollwert", "°", "reference"), ("commanded", "mm", "reference"),
+        ("Weg", "mm", "position"), ("Sollweg", "mm", "reference"),
         ("command", "Nm", "torque_command"), ("setpoint", "rpm", ""), ("setpoint", "", ""), ("limit", "Nm", ""),
     ],
 )  # fmt: skip

@@ -14,7 +14,7 @@ from autotune.recordings.recording import FLOAT_COLUMNS
 
 _QUANTITIES = {
     "time": "time t timestamp timestamps zeit tijd elapsed clock times",
-    "position": "position positions pos q qm qg theta angle phi encoder enc winkel lage displacement",
+    "position": "position positions pos q qm qg theta angle phi encoder enc winkel lage weg displacement",
     "velocity": "velocity velocities vel speed omega qd dq qdot rpm geschwindigkeit drehzahl",
     "acceleration": "acceleration acc accel qdd ddq",
     "torque": "torque torques tau force moment drehmoment kraft trq tq effort",

@@ -131,6 +131,8 @@ _SUFFIXES = frozenset(
     not in ("min", "u", "a", "cm", "in", "tr", "tour", "tours", "turn", "mil", "thou", "foot", "feet", "dm")
 )
 _NANOMETRE = Unit("nm", "length", 1e-9)
+_OF_FORCE = re.compile("force|kraft|thrust|schub")
+"""Of a name: where a last `N` is a newton, and no number of something."""
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(<{]\s*(?P<unit>[^\])>}]*)\s*[\])>}]\s*$")
 _WORDED = re.compile(r"^(?P<name>.*\S)\s*[,/]\s*(?P<unit>\S+)$")
 _SUFFIXED = re.compile(r"^(?P<name>.*[^_\s])[_\s](?P<unit>[^_\s]+)$")
@@ -156,7 +158,12 @@ def split_unit(header: str) -> tuple[str, str]:
     if found and found["name"].strip():
         return found["name"].strip(), found["unit"].strip()
     found = _SUFFIXED.match(bare)
-    if found and found["unit"].lower() in _SUFFIXES and not (found["unit"] == "m" and "_m" in bare):
+    newtons = found is not None and found["unit"] == "N" and _OF_FORCE.search(found["name"].lower())
+    if (
+        found
+        and (newtons or found["unit"].lower() in _SUFFIXES)
+        and not (found["unit"] == "m" and "_m" in bare)
+    ):
         return re.sub(r"(\s+in|\s*[,/])$", "", found["name"]), found["unit"]
     found = _WORDED.match(bare)
     if found and find_unit(found["unit"]):
