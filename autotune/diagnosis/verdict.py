@@ -56,6 +56,7 @@ from autotune.diagnosis.wording import (
     next_experiment,
     not_looked_for,
     nothing_note,
+    offset_note,
     relaxed_note,
     sets_of_rivals,
     stranger_note,
@@ -385,18 +386,20 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     facts = gathered(found, carried)
     case = next(case for case in CASES if case.holds(facts))
     effects: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     confidence = None
     if facts.chosen is not None and case.verdict in (NAMED, AMBIGUOUS):
         effects = facts.chosen.model_fit.effects
-        sure = case.verdict == NAMED and facts.evidence.confirms(facts.problem, effects, carried)
-        sure = sure and not (facts.veto_silent or facts.unlike or facts.little_told or facts.all_contact)
-        sure = sure and not (facts.delayed or facts.shared_out or facts.cut_short)
+        doubts = _doubts(facts, effects) if case.verdict == NAMED else ()
+        sure = case.verdict == NAMED and not doubts
+        sure = sure and not (facts.all_contact or facts.delayed or facts.cut_short)  # said by themselves
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
     path = torque_path_notes(facts.problem.data, facts.problem.controller)
     codes = missing_codes_note(facts.problem.data)
     said = [*path, *lines, codes, case.sentence(facts)]
+    said += [f"Suspected only: {', and '.join(doubts)}."] * bool(doubts)
     said += (
         [_unlike(facts)] * bool(effects)
         + [ALL_CONTACT] * (bool(effects) and facts.all_contact)
@@ -404,6 +407,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]
         * (found.presliding is not None)
         + list(facts.base)
+        + [offset_note(facts.root.fitted.packed, facts.problem.data.metadata)] * (case.verdict == NONE)
         + list(not_looked_for(facts.problem, facts.evidence))
     )
     chosen = None if facts.drowned else facts.chosen
@@ -429,6 +433,22 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         base=facts.base,
         complete=not facts.cut_short,
     )
+
+
+def _doubts(facts: Facts, effects: tuple[str, ...]) -> tuple[str, ...]:
+    """Why a name is not confirmed, in words."""
+    reasons = {
+        "no twin bears it out": not facts.problem.twin and facts.evidence.repeats,
+        "no trajectory that was not fitted bears it out": not facts.evidence.confirms(
+            facts.problem, effects, facts.carried
+        )
+        and (facts.problem.twin or not facts.evidence.repeats),
+        "the veto trajectory hardly shows it": facts.veto_silent,
+        "one experiment is not explained as the others are": bool(facts.unlike),
+        "less is explained than a name needs to be certain": facts.little_told,
+        "of several effects one explains less of what the others leave than a name needs": facts.shared_out,
+    }
+    return tuple(reason for reason, holds in reasons.items() if holds)
 
 
 def _kinds(problem: Problem) -> int:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
+from autotune.core.units import torque_symbol
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import TimeLine
@@ -21,7 +22,11 @@ from autotune.estimation.data import TRAINING, Prepared, ReadingWave
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import smoothed
+from autotune.models import layout
+from autotune.models.drive_model import Packed
+from autotune.models.reversal_memory import contact
 from autotune.models.table import EFFECTS, looking_alike, usual_rivals
+from autotune.recordings.recording import Metadata
 
 NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
 CONFIRMED, SUSPECTED = "confirmed", "suspected"
@@ -46,6 +51,13 @@ HUNTS = (
     "does, and what is left below that frequency is not its friction. Nothing is named. Lower the gains until it is "
     "quiet, and record again; play in the drive often is the cause."
 )
+OFFSET = (
+    "A constant of {size:.2g} {unit} acts beside friction, {percent:.2g} % of it: a weight, a cable, an amplifier's "
+    "offset, or friction that is higher one way than the other by twice as much. While an axis slides these are the "
+    "same; it is the base model's offset, and no effect that is missing."
+)
+TOLD_OFFSET = 0.01
+"""Of friction: a constant that is so large is told where nothing is missing."""
 OWN_PRESLIDING = (
     "After a reversal friction comes to its level sooner than the exponential of a bristle does: one contact that is "
     "elastic until it slides. This is the base model's presliding by another law and no effect that is missing; it was "
@@ -537,6 +549,15 @@ def sets_of_rivals(
         usual.sort(key=lambda rival: -gains[rival])
         sets.append(tuple(dict.fromkeys([effect, *elsewhere, *usual])))
     return tuple(rivals for rivals in sets if len(rivals) > 1)
+
+
+def offset_note(packed: Packed, metadata: Metadata) -> str:
+    """What a constant beside friction may be, where it is large enough to be asked about."""
+    level, size = contact(packed.p, packed.on)[0], abs(float(packed.p[layout.OFFSET]))
+    if size <= TOLD_OFFSET * level:
+        return ""
+    unit = torque_symbol(metadata.motion_unit, metadata.torque_unit)
+    return OFFSET.format(size=size, unit=unit, percent=100.0 * size / level)
 
 
 def headline(verdict: str, effects: Sequence[str], confidence: str | None, complete: bool) -> str:

@@ -21,7 +21,7 @@ from autotune.diagnosis.evidence.torque_path import LATE_RECORD
 from autotune.diagnosis.facts import Facts
 from autotune.diagnosis.free_shape import OtherProportion, Relaxed
 from autotune.diagnosis.starts import varying
-from autotune.diagnosis.verdict import CASES, _as_chosen
+from autotune.diagnosis.verdict import CASES, _as_chosen, _doubts
 from autotune.diagnosis.wording import rms_unexplained
 from autotune.estimation.cross_validation import Explained, Unseen
 from autotune.estimation.data import Clocked
@@ -132,6 +132,23 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
 )
 def test_facts_lead_to_a_verdict(facts: dict[str, object], verdict: str) -> None:
     assert _row(**facts)[0] == verdict
+
+
+def test_why_a_name_is_suspected_only_is_said() -> None:
+    """One file with a veto trajectory may confirm a name; where it does not nobody could see why."""
+    sure = {"veto_silent": False, "unlike": "", "little_told": False, "shared_out": False, "carried": ()}
+    problem = SimpleNamespace(twin=True)
+    evidence = SimpleNamespace(repeats=True, confirms=lambda *_: True)
+    facts = SimpleNamespace(**sure, problem=problem, evidence=evidence)
+    assert _doubts(facts, ("spring",)) == ()
+    facts.veto_silent = True
+    evidence.confirms = lambda *_: False
+    assert _doubts(facts, ("spring",)) == (
+        "no trajectory that was not fitted bears it out",
+        "the veto trajectory hardly shows it",
+    )
+    problem.twin, facts.veto_silent = False, False
+    assert _doubts(facts, ("spring",)) == ("no twin bears it out",)
 
 
 def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:

@@ -16,6 +16,7 @@ from autotune.diagnosis.wording import (
     missing_codes_note,
     nearest,
     next_experiment,
+    offset_note,
     repeats_note,
     separating_experiment,
     sets_of_rivals,
@@ -25,8 +26,11 @@ from autotune.diagnosis.wording import (
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import ReadingWave
 from autotune.estimation.policy import POLICY
+from autotune.models.drive_model import base_model
 from autotune.models.table import EFFECTS, effect_kind
+from autotune.recordings.recording import Metadata
 from autotune.signals.missing_codes import Gap
+from tests.support.axes import NOMINAL
 
 
 def test_who_has_a_file_only_is_not_sent_to_an_axis_file() -> None:
@@ -262,3 +266,12 @@ def test_what_is_unknown_is_told_with_all_that_come_near(
     others = [item(*one) for one in tried.items()]
     text = unknown_note(problem, evidence, "velocity", 0.0, item("spring", share), others)
     assert text == f"Something repeatable is missing {said}"
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.005, False), (0.02, True)])
+def test_an_offset_that_is_a_part_of_friction_is_told_for_what_it_may_be(share: float, said: bool) -> None:
+    """Friction that is higher one way is a constant while the axis slides, and was passed over in silence."""
+    packed = base_model(NOMINAL | {"offset": -share * NOMINAL["coulomb"]}).pack()
+    note = offset_note(packed, Metadata(motion_unit="m"))
+    assert bool(note) == said
+    assert not said or ("2 % of it" in note and "higher one way" in note and " N acts" in note)

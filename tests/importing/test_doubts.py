@@ -116,7 +116,8 @@ def test_unknown_units_are_not_guessed(text: str) -> None:
         ("Position [deg]", "Position", "deg"), ("pos_deg", "pos", "deg"), ("Torque in Nm", "Torque", "Nm"),
         ("Speed(rpm)", "Speed", "rpm"), ("Time, s", "Time", "s"), ("time", "time", ""),
         ("position_actual", "position_actual", ""), ("q_m", "q_m", ""), ("pos_m", "pos_m", ""),
-        ("vel_rad/s", "vel", "rad/s"), ("force_N", "force", "N"), ("Kraft_N", "Kraft", "N"), ("samples_N", "samples_N", ""),
+        ("vel_rad/s", "vel", "rad/s"), ("force_N", "force", "N"), ("Kraft_N", "Kraft", "N"),
+        ("samples_N", "samples_N", ""),
         ("Time / s", "Time", "s"), ("Speed / rad/s", "Speed", "rad/s"), ("Position/deg", "Position", "deg"),
     ],
 )  # fmt: skip
