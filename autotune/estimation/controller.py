@@ -61,7 +61,7 @@ from autotune.estimation.disturbance import positions_read
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.twin_runs import slower
 from autotune.recordings.checks import at_limit, torque_of
-from autotune.recordings.recording import Controller, Recording
+from autotune.recordings.recording import OF_FILTER, Controller, Recording
 from autotune.signals.between_samples import between_moments
 from autotune.signals.filters import low_pass
 from autotune.signals.triangle import less_run_means
@@ -727,6 +727,9 @@ def _trusted(known: Controller, why: str) -> PositionController:
     )
 
 
+SLOWEST_FILTER = 0.005
+"""Least share of a new difference in a filtered one: no loop's derivative is 200 samples slow, but a time constant in
+seconds looks so."""
 SAME_GAIN = 0.05
 """Relative: within the dead time of a row a loop of usual bandwidth turns gains into others by about as much."""
 BETWEEN_SAMPLES = (
@@ -752,6 +755,8 @@ def _replaced(named: PositionController, found: PositionController) -> str:
         f"variance unexplained, the one identified from the data {100 * (1.0 - found.explained):.2g} %; that is used "
         "instead. "
     )
+    if named.derivative_filter < SLOWEST_FILTER:
+        return left + f"Its derivative_filter of {named.derivative_filter:.3g} is {OF_FILTER}."
     late = min(found.reference_delay, found.position_delay)
     same = all(
         math.isclose(getattr(named, gain), getattr(found, gain), rel_tol=SAME_GAIN) for gain in ("kp", "kd")
@@ -764,11 +769,10 @@ def _replaced(named: PositionController, found: PositionController) -> str:
         )
     if same:
         return left + "Its gains are the same: what differs is a filter of the derivative or a feedforward."
-    unnamed = " or name its derivative_filter;" * (named.derivative_filter == 1.0)
-    return (
-        left
-        + f"Mend the gains in the file,{unnamed} or its law differs: a feedforward, a dead time, cascaded loops."
-    )
+    left += "Mend the gains in the file"
+    if named.derivative_filter == 1.0:
+        return left + ", or name its derivative_filter; a feedforward can differ so too."
+    return left + ", or its law differs: a feedforward, a dead time, cascaded loops."
 
 
 def _checked(samples: LoopSamples, known: Controller) -> PositionController:

@@ -42,8 +42,10 @@ CONDITIONING = "conditioning"
 RESERVED_EXPERIMENTS = (CONDITIONING, "veto", "test")
 
 
-SLOWEST_FILTER = 0.005
-"""Least share of a new difference in a filtered one: no loop's derivative is 200 samples slow."""
+OF_FILTER = (
+    "the share of a new difference in the filtered one, 1 for no filter: of a time constant T 1 - exp(-h / T), of a "
+    "corner frequency f 1 - exp(-2 pi f h), h the loop's period"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,12 +91,10 @@ class Controller:
                 f"controller {text!r} has a gain that is not finite; every gain must be a number"
             )
         smoothing = gains.get("derivative_filter", 1.0)
-        if not SLOWEST_FILTER <= smoothing <= 1.0:
+        if not 0.0 < smoothing <= 1.0:
             raise RecordingError(
-                f"controller {text!r}: derivative_filter is {smoothing:g}; it must be at least "
-                f"{SLOWEST_FILTER:g} and at most 1: it is the share of a new difference in the filtered one, 1 for no "
-                "filter. Of a time constant T it is 1 - exp(-h / T), of a corner frequency f 1 - exp(-2 pi f h), h the "
-                "loop's period"
+                f"controller {text!r}: derivative_filter is {smoothing:g}, and must be above 0 and at most 1; it is "
+                f"{OF_FILTER}"
             )
         return cls(**gains)
 

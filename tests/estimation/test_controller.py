@@ -90,6 +90,12 @@ def test_gains_that_are_right_need_no_mending_where_a_filter_is_not_named() -> N
     assert "gains are the same: what differs is a filter" in " ".join(found.notes)
 
 
+def test_a_filter_in_seconds_is_told_what_it_is() -> None:
+    found = controller_of(recorded(TRUE, replace(OF_TRUE, derivative_filter=0.0009)))
+    assert found.source == "identified"
+    assert "Its derivative_filter of 0.0009 is the share of a new difference" in " ".join(found.notes)
+
+
 @pytest.mark.parametrize(
     "named",
     [replace(OF_TRUE, kp=1.1 * TRUE.kp), replace(OF_TRUE, kd=0.9 * TRUE.kd), Controller(1.0, 2.0, 3.0, 0.4)],
