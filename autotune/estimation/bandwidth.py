@@ -457,6 +457,7 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     read = [as_read(recording, law) for recording in told]
     if any(one is not recording for one, recording in zip(read, recordings, strict=True)):
         recordings, data = read, _quiet(read, most, pace)
+        law = find_controller(data, policy)
     if data.repeated:
         return data
     known = data.recorded_reference and law.usable

@@ -10,6 +10,7 @@ from scipy import ndimage, signal
 from autotune.core.arrays import Floats
 from autotune.estimation import controller, controller_search
 from autotune.estimation.alignment import a_row_sooner
+from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.controller import (
     _is_kicked,
     as_read,
@@ -652,7 +653,7 @@ def test_friction_that_a_controller_feeds_forward_is_told_and_leaves_its_law() -
     assert "feeds friction forward" in told.metadata.remarks[-1]
 
 
-def _feeding_late(late: int, smeared: float = 0.0) -> tuple[Recording, np.ndarray]:
+def _feeding_late(late: int, smeared: float = 0.0, read: float = 1e-3) -> tuple[Recording, np.ndarray]:
     """The same motion twice, behind a host that logs its feedforward as it asks for it; and what of it is in a torque.
 
     All that the host asks for is in the torque so many rows later, a share of it in the row after that.
@@ -671,7 +672,7 @@ def _feeding_late(late: int, smeared: float = 0.0) -> tuple[Recording, np.ndarra
         noise = np.random.default_rng(chance).normal(0.0, 2e-3, len(fed))
         columns = followed(delayed(reference, late, reference[0]), noise + later(fed), law, base_model(AXIS))
         torque = (
-            columns["torque"] + later(fed) + np.random.default_rng(chance + 2).normal(0.0, 1e-3, len(fed))
+            columns["torque"] + later(fed) + np.random.default_rng(chance + 2).normal(0.0, read, len(fed))
         )
         parts.append(columns | {"torque": torque, "reference": reference, "torque_feedforward": fed})
     whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -693,6 +694,16 @@ def test_a_feedforward_that_was_logged_before_the_loops_dead_time_is_taken_as_it
     found = find_controller(prepare([told]))
     assert (found.position_delay, found.kp) == (late, pytest.approx(2.0, rel=0.02))
     assert "before the dead time" in told.metadata.remarks[-1]
+
+
+def test_a_feedforward_is_taken_as_it_acts_in_one_recording_without_repeats_too() -> None:
+    twice, acts = _feeding_late(2, read=1e-5)
+    once = twice.rows(slice(0, len(twice) // 2))
+    data = prepared_for([once])
+    assert data.closed
+    assert not data.repeated
+    assert find_controller(data).usable
+    assert np.std(data.feedforward - acts[: len(once)]) < 0.02 * np.std(acts)
 
 
 def test_a_feedforward_that_is_in_step_with_its_torque_stays_as_it_is() -> None:
