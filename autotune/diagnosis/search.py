@@ -171,8 +171,13 @@ def _found_so_far(state: SearchState) -> Found:
     if chosen is not None and MEMORY in chosen.model_fit.effects:
         own = with_own_presliding(state.problem, state.root, chosen.model_fit)
         state.chosen = chosen if own is None else None
+    return replace(_in_state(state), cut_short=True)
+
+
+def _in_state(state: SearchState) -> Found:
+    """What a search holds."""
     seen = (state.problem, state.root, state.chosen, state.first, state.tried, state.generic)
-    return Found(*seen, state.still_freed(), cut_short=True)
+    return Found(*seen, state.still_freed(), unloaded=state.unloaded)
 
 
 def _found(state: SearchState) -> Found:
@@ -211,8 +216,7 @@ def _found(state: SearchState) -> Found:
     _try_look_alikes(state)
     _try_motor(state)
     exchanged = _in_place(state)
-    seen = (state.problem, state.root, state.chosen, state.first, state.tried, state.generic)
-    found = Found(*seen, state.still_freed(), exchanged=exchanged, unloaded=state.unloaded)
+    found = replace(_in_state(state), exchanged=exchanged)
     lagging = state.chosen is not None and LAG in state.chosen.model_fit.effects
     found = replace(found, delayed=lagging and state.delayed)
     found = _where_it_slides(state, _beside_own_presliding(state, found))
@@ -228,8 +232,7 @@ def _found(state: SearchState) -> Found:
 
 def _seek(state: SearchState) -> None:
     """Adds effects to the root, one beside the other, as long as they explain enough."""
-    state.chosen, state.seen, state.later, state.freed = None, [], [], {}
-    state.first = ()
+    state.chosen, state.first, state.seen, state.later, state.freed = None, (), [], [], {}
     state.keep()
     _seek_on(state)
 

@@ -496,11 +496,11 @@ def with_feedforward_late(
 
     As in `with_friction_fed`.
     """
-    before = find_controller(data, policy) if data.closed and np.any(data.feedforward) else None
-    found = None
-    if before is not None and not before.exact:
-        found = fed_late(loop_samples(data, policy), data.feedforward)
-    if before is None or found is None:
+    if not (data.closed and np.any(data.feedforward)):
+        return recordings
+    before = find_controller(data, policy)
+    found = None if before.exact else fed_late(loop_samples(data, policy), data.feedforward)
+    if found is None:
         return recordings
     acts, late = found
     after = find_controller(replace(data, feedforward=acts), policy)

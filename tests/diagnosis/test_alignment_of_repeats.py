@@ -737,12 +737,7 @@ def test_a_lag_gives_way_to_cycles_that_leave_as_little(
         (1.05, True, None, False),
         (0.9, False, 0.95, True),
         (0.9, False, None, True),
-        (
-            0.9,
-            False,
-            0.8,
-            False,
-        ),  # a moving mean: what the shift takes of it the lag's course knows better
+        (0.9, False, 0.8, False),  # a moving mean, of which the lag's course knows more than the shift takes
     ],
 )
 def test_a_candidate_is_aligned_where_the_twin_leaves_no_more(

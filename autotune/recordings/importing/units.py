@@ -132,7 +132,6 @@ _SUFFIXES = frozenset(
 )
 _NANOMETRE = Unit("nm", "length", 1e-9)
 _OF_FORCE = re.compile("force|kraft|thrust|schub")
-"""Of a name: where a last `N` is a newton, and no number of something."""
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(<{]\s*(?P<unit>[^\])>}]*)\s*[\])>}]\s*$")
 _WORDED = re.compile(r"^(?P<name>.*\S)\s*[,/]\s*(?P<unit>\S+)$")
 _SUFFIXED = re.compile(r"^(?P<name>.*[^_\s])[_\s](?P<unit>[^_\s]+)$")
@@ -151,6 +150,11 @@ def find_unit(text: str, wanted: str = "") -> Unit | None:
     return None if known is None else replace(known, text=bare.replace(" ", ""))
 
 
+def _is_suffix(unit: str, name: str) -> bool:
+    """Whether what a name ends with is a unit: a last `N` is one of a force, and a number of anything else."""
+    return unit.lower() in _SUFFIXES or (unit == "N" and _OF_FORCE.search(name.lower()) is not None)
+
+
 def split_unit(header: str) -> tuple[str, str]:
     """Name and unit text of a header such as `Position [deg]`, `pos_deg`, `Torque in Nm`."""
     bare = header.strip()
@@ -158,12 +162,7 @@ def split_unit(header: str) -> tuple[str, str]:
     if found and found["name"].strip():
         return found["name"].strip(), found["unit"].strip()
     found = _SUFFIXED.match(bare)
-    newtons = found is not None and found["unit"] == "N" and _OF_FORCE.search(found["name"].lower())
-    if (
-        found
-        and (newtons or found["unit"].lower() in _SUFFIXES)
-        and not (found["unit"] == "m" and "_m" in bare)
-    ):
+    if found and _is_suffix(found["unit"], found["name"]) and not (found["unit"] == "m" and "_m" in bare):
         return re.sub(r"(\s+in|\s*[,/])$", "", found["name"]), found["unit"]
     found = _WORDED.match(bare)
     if found and find_unit(found["unit"]):
