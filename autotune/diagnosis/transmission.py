@@ -36,6 +36,7 @@ from autotune.models.elastic_transmission import (
     CRITICAL,
     ELASTIC_TRANSMISSION,
     RESONANCES,
+    creeps,
     hardened,
     relaxing,
 )
@@ -250,7 +251,8 @@ def other_spring_tried(
     So they are tried in place of a gap where a spring does that, by the `gains` of effects by themselves, and of what
     is hardly a gap. One that hardens has as many parameters as a gap. In place of a spring it has one more, and must
     leave clearly less, or earn a name that the spring has not; so must one that relaxes. A spring by whatever law
-    explains half.
+    explains half. One that leaves no more and rings is taken before one on which the load only creeps: a damper takes
+    up what is not in a straight line.
     """
     policy, model_fit = problem.policy, chosen.model_fit
     if not problem.twin:
@@ -271,7 +273,8 @@ def other_spring_tried(
         better = _instead(problem, root, chosen, settled, chosen.effect, 1.0)
         if better is chosen:
             continue
-        if error_left(problem, better.model_fit) > least * error_left(problem, model_fit):
+        rings = creeps(place.p, place.on) and not creeps(better.model_fit.fitted.packed.p, place.on)
+        if not rings and error_left(problem, better.model_fit) > least * error_left(problem, model_fit):
             better = _if_it_earns_the_name(problem, root, chosen, better, progress)
         if better is not chosen:
             return better, None
