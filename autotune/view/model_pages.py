@@ -11,6 +11,7 @@ import numpy as np
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.compare import Compared, Worst
 from autotune.diagnosis.verdict import Diagnosis
+from autotune.diagnosis.wording import headline
 from autotune.estimation.coordinates import coordinates
 from autotune.estimation.data import Prepared
 from autotune.estimation.residual import smoothed
@@ -139,16 +140,10 @@ def write_story(path: Path, model: DriveModel) -> None:
 
 
 def verdict_words(result: Diagnosis) -> str:
-    names = ", ".join(effect.replace("_", " ") for effect in result.effects)
-    text = {
-        "named": f"Missing in the model: {names} ({result.confidence}).",
-        "none": "Nothing is missing that these data could show.",
-        "unknown": "Something is missing that is none of the known effects."
-        if result.complete
-        else "Time was up before anything had a name.",
-        "ambiguous": f"Missing in the model: {names}, or something that looks like it here.",
-    }[result.verdict]
-    return " ".join([text, *result.notes])
+    """The verdict's line as a sentence, and its notes."""
+    names = [effect.replace("_", " ") for effect in result.effects]
+    line = headline(result.verdict, names, result.confidence, result.complete)
+    return " ".join([f"{line[0].upper()}{line[1:]}.", *result.notes])
 
 
 def known_floor(value: float) -> float | None:

@@ -115,7 +115,7 @@ def test_models_feedforward_and_show_know_the_effect(copied: Path) -> None:
 def test_the_effect_is_simulated_compared_fitted_added_diagnosed_and_fed_forward(copied: Path) -> None:
     run(copied, "-c", WORKS)
     page = (copied / "diagnosis.html").read_text(encoding="utf-8")
-    assert "Missing in the model: stiffening spring" in page
+    assert "Missing: stiffening spring" in page
     assert "Give the cable or hose more length" in page
 
 
