@@ -13,6 +13,7 @@ import pytest
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis import baseline, settling
+from autotune.diagnosis.base_laws import CURVE_LAW
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
 from autotune.diagnosis.evidence import torque_path as measured
@@ -524,6 +525,32 @@ def test_what_remembers_need_not_come_again_where_experiments_held_out_and_veto_
     search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme())
     assert search.remembers(best) == sure
     assert not search.remembers(replace(best, veto=None))
+
+
+@pytest.mark.parametrize(
+    ("effect", "curved", "veto", "more"),
+    [
+        ("dwell_time_break_away", True, False, True),
+        ("reversal_memory", True, False, True),
+        ("dwell_time_break_away", False, False, False),
+        ("dwell_time_break_away", True, True, False),
+        ("spring", True, False, False),
+    ],
+)
+def test_what_a_base_of_another_presliding_may_leave_must_be_clear_where_no_veto_bears_it_out(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, effect: str, curved: bool, veto: bool, more: bool
+) -> None:
+    """A dwell time of 10 % was named where nothing was planted but Bouc and Wen's law."""
+    problem, root = begun
+    monkeypatch.setattr(type(problem), "has_veto", property(lambda _: veto))
+    packed = root.fitted.packed
+    p = packed.p.copy()
+    p[list(CURVE_LAW.slots)] = 0.5 if curved else 0.0
+    root = replace(root, fitted=replace(root.fitted, packed=Packed(p, packed.on)))
+    best = FittedCandidate(effect, root, 0.1, Explained(1e-4, 0.0), None, True)
+    search = SearchState(problem, root, packed, print, RepeatedProgramme())
+    assert CURVE_LAW.there(root.fitted.packed) == curved
+    assert search.may_be_presliding(best) == more
 
 
 @pytest.mark.parametrize("more", [True, False])
