@@ -228,6 +228,11 @@ CREEP_LAW = BaseLaw(
 BASE_LAWS = (CREEP_LAW, FADING_LAW, CLIMB_LAW, CURVE_LAW)
 
 
+def has_other_law(packed: Packed) -> bool:
+    """Whether the base has another law than a bristle's, whichever of them."""
+    return any(law.there(packed) for law in BASE_LAWS)
+
+
 def without_effects(problem: Problem, root: ModelFit) -> ModelFit | None:
     """The model fitted without all effects that it has; None where it has none, or its twin is unstable.
 

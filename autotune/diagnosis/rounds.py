@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from autotune.core.time_limit import check_time
-from autotune.diagnosis.base_laws import BASE_LAWS, BaseLaw
+from autotune.diagnosis.base_laws import BASE_LAWS, BaseLaw, has_other_law
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
@@ -176,9 +176,9 @@ class SearchState:
         effect out, it must explain as much of experiments held out as confirms one elsewhere. A dwell time of 10 % was
         named where nothing was planted but Bouc and Wen's law.
         """
-        kind, packed = EFFECTS[best.effect], self.root.fitted.packed
+        kind = EFFECTS[best.effect]
         of_contact = kind.needs_rests or kind.approximate
-        return of_contact and not self.problem.has_veto and any(law.there(packed) for law in BASE_LAWS)
+        return of_contact and not self.problem.has_veto and has_other_law(self.root.fitted.packed)
 
     def remembers(self, best: FittedCandidate) -> bool:
         """Whether an effect that has another past in every repeat explains them all: it need not come again.

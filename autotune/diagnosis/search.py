@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 
 from autotune.core.time_limit import TimeIsUp, limited
 from autotune.diagnosis.backward import Backward
-from autotune.diagnosis.base_laws import BASE_LAWS, CLIMB_LAW, with_base_shapes
+from autotune.diagnosis.base_laws import BASE_LAWS, CLIMB_LAW, has_other_law, with_base_shapes
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
@@ -648,8 +648,7 @@ def _where_it_slides(state: SearchState, found: Found) -> Found:
     slides, is no worse for it.
     """
     chosen, root = found.chosen, found.root
-    otherwise = any(law.there(root.fitted.packed) for law in BASE_LAWS)
-    if chosen is None or chosen.named or not otherwise or found.sliding is not None:
+    if chosen is None or chosen.named or found.sliding is not None or not has_other_law(root.fitted.packed):
         return found
     sliding = beyond_presliding(state.problem, root.fitted.packed)
     if sliding is None or not _shares_with_repeats(state, sliding, chosen):

@@ -267,13 +267,13 @@ def other_spring_tried(
         return chosen, None
     progress(f"another law of {SPRING.name}")
     place = model_fit.fitted.packed
-    least = policy.clearly_less
+    least, creeping = policy.clearly_less, creeps(place.p, place.on)
     for law in (_hardening(problem, [place]), _relaxing([place])):
         settled = _other_spring(problem, model_fit, law, model_fit.free, model_fit.effects)
         better = _instead(problem, root, chosen, settled, chosen.effect, 1.0)
         if better is chosen:
             continue
-        rings = creeps(place.p, place.on) and not creeps(better.model_fit.fitted.packed.p, place.on)
+        rings = creeping and not creeps(better.model_fit.fitted.packed.p, place.on)
         if not rings and error_left(problem, better.model_fit) > least * error_left(problem, model_fit):
             better = _if_it_earns_the_name(problem, root, chosen, better, progress)
         if better is not chosen:
