@@ -243,6 +243,7 @@ def _seek_on(state: SearchState) -> None:
     for _ in range(MOST_EFFECTS - there):
         if state.chosen is not None and state.chosen.named and not state.more_to_explain(state.model_fit):
             break
+        _drop_laws(state, only_where_less_is_left=True)
         best = next_best(state, first=state.chosen is None)
         if best is None:
             break
@@ -450,11 +451,13 @@ def _motor_in_place(state: SearchState, chosen: FittedCandidate, effect: str) ->
     return other
 
 
-def _drop_laws(state: SearchState) -> None:
+def _drop_laws(state: SearchState, only_where_less_is_left: bool = False) -> None:
     """The base is the plain one again where it needs no other law beside what was found.
 
     What has its name beside such a law, which the data did ask for, and would lose it without, keeps the law: in a
-    recording whose experiments are few the held-out ones tell of a law by chance.
+    recording whose experiments are few the held-out ones tell of a law by chance. `only_where_less_is_left`: before
+    more is looked for the plain base must leave less than the law, which stood for what was missing then and bends the
+    rest since: a memory is no answer to that.
     """
     for law in BASE_LAWS:
         if state.chosen is None or not law.there(state.root.fitted.packed):
@@ -466,6 +469,10 @@ def _drop_laws(state: SearchState) -> None:
         if root is None:
             continue
         plainer = judged(state.problem, root, less, state.chosen.effect)
+        if only_where_less_is_left:
+            plainer = refined(state.problem, root, plainer, state.progress)
+            if plainer.model_fit.fitted.cost >= state.chosen.model_fit.fitted.cost:
+                continue
         if plainer.named or not state.chosen.named:
             state.root, state.chosen = root, plainer
 

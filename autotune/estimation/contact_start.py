@@ -300,7 +300,7 @@ def damped_as_twins_creep(problem: Problem, model_fit: ModelFit) -> ModelFit:
 
     Within the band damping hardly turns the torque. By it an axis that disturbances shake below break-away creeps, and
     that is bias, which a fit holds: it ended at up to five times the damping, and what the creep left there drowned
-    half of a ripple.
+    half of a ripple. Where the least is left at an end of what was tried, it is tried again from there.
     """
     slot, fitted = layout.MICRO_DAMPING, model_fit.fitted
     if (
@@ -326,7 +326,9 @@ def damped_as_twins_creep(problem: Problem, model_fit: ModelFit) -> ModelFit:
     if not costs[best] < PROMISED * costs[now]:
         return model_fit
     again = fit_inside_twin(problem, models[best], list(model_fit.free), 2, model_fit.effects)
-    return again if again is not None and again.fitted.cost < fitted.cost else model_fit
+    if again is None or again.fitted.cost >= fitted.cost:
+        return model_fit
+    return damped_as_twins_creep(problem, again) if best in (0, len(TIMES) - 1) else again
 
 
 def as_rough(problem: Problem, packed: Packed) -> Problem:
