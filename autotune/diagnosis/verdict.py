@@ -45,6 +45,7 @@ from autotune.diagnosis.wording import (
     OWN_PRESLIDING,
     PRESLIDING_REST,
     SUSPECTED,
+    TOLD_WITHOUT,
     TORQUE_CONSTANT,
     UNKNOWN,
     Candidate,
@@ -60,6 +61,7 @@ from autotune.diagnosis.wording import (
     relaxed_note,
     sets_of_rivals,
     stranger_note,
+    told_late,
     torque_path_notes,
     unknown_note,
 )
@@ -398,7 +400,8 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
     path = torque_path_notes(facts.problem.data, facts.problem.controller)
     codes = missing_codes_note(facts.problem.data)
-    said = [*path, *lines, codes, case.sentence(facts)]
+    bent = [TOLD_WITHOUT] * (case.verdict == UNKNOWN and told_late(facts.problem.data))
+    said = [*path, *bent, *lines, codes, case.sentence(facts)]
     said += [f"Suspected only: {', and '.join(doubts)}."] * bool(doubts)
     said += (
         [_unlike(facts)] * bool(effects)

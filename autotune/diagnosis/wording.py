@@ -116,7 +116,8 @@ PRESLIDING_REST = (
 )
 CURRENT_LOOP_LATE = (
     "The torque follows its demand {late:.2g} ± {error:.1g} ms late, as a current loop of {hertz:.0f} Hz does: any "
-    "drive has one, and it is no effect of the axis. It is taken out."
+    "drive has one, and it is no effect of the axis. It is taken out. Where the drive's own setting is much faster, "
+    "the rest is a filter's or what the model is not exactly."
 )
 CURRENT_LOOP_AT_LEAST = (
     "The torque follows its demand {late:.2g} ms late or more: so much is taken out, as the slowest ordinary current "
@@ -139,7 +140,8 @@ READS_OFF_CENTRE = (
 )
 CYCLES_LATE = (
     "The torque acts {cycles} of {period:.3g} ms after the row that it is recorded in, as one that goes over a bus "
-    "does. It is no effect of the axis, and taken out; a shorter one makes room for faster gains."
+    "does. It is no effect of the axis, and taken out. Look up how long the bus and the drive's input take: what they "
+    "do not account for is a lag of the torque, and a shorter one makes room for faster gains."
 )
 CYCLES_OR_LAG = (
     "The torque acts {cycles} of {period:.3g} ms after the row that it is recorded in. A bus does that; a filter or a "
@@ -163,6 +165,10 @@ MOVED = (
 DELAYED = (
     "A dead time, as a host, a bus and a drive's input may have it, does as well as this lag: it delays the torque and "
     "does not bend it beyond chance. So it is suspected only; look up how the demand reaches the drive, and when."
+)
+TOLD_WITHOUT = (
+    "How late the torque acts was told beside a model that lacks something, and what it lacks may look like a delay: "
+    "take it for a guess."
 )
 AT_ITS_END = (
     "That is as late as a bus and a current loop may make it. The torque may come later still, by a filter or a dead "
@@ -246,6 +252,11 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
     if data.reading is not None:
         notes.append(_reading_note(data, data.reading))
     return tuple(notes)
+
+
+def told_late(data: Prepared) -> bool:
+    """Whether cycles of a bus or a current loop were taken out."""
+    return min(data.cycles, round(data.late / data.upsampling)) > 0 or data.lag > 2.0 * data.lag_error
 
 
 def _reading_note(data: Prepared, wave: ReadingWave) -> str:
