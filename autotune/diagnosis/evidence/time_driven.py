@@ -17,7 +17,13 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import gain_and_z, of_friction, with_columns
+from autotune.estimation.cross_validation import (
+    beyond_presliding,
+    gain_and_z,
+    held_out,
+    of_friction,
+    with_columns,
+)
 from autotune.estimation.data import TRAINING, Clocked, Prepared, ReadingWave, read_without
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.problem import Problem
@@ -135,7 +141,8 @@ def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | No
     At a constant speed every wave of the axis has another beside it that is the same at the samples: of more waves, by
     as many as pass between two of them. So where a wave of fewer periods stands out more, it must gain beside that too.
     And waves of a torque that are near each other predict nothing one by one: what gains nothing beside all that stand
-    out, which gain beside it, is one of them.
+    out, which gain beside it, is one of them. A scale is read wherever the axis moves: what gains only near reversals
+    and rests is the contact's.
     """
     data = problem.data
     if not data.repeated or data.steady or data.reading is not None:
@@ -148,7 +155,7 @@ def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | No
     found = max(
         (_read(problem, model_fit, line.wavenumber / times) for times in (1.0, 2.0)), key=lambda one: one.gain
     )
-    if not _is_known(problem, found):
+    if not (_is_known(problem, found) and _gains_while_sliding(problem, model_fit, found.wave)):
         return None
     coarse = strongest_line(
         data.measured, bent, (2.0 * math.pi / problem.scales.travel, finer), line.contrast
@@ -171,6 +178,15 @@ def _is_known(problem: Problem, found: _Read) -> bool:
     policy = problem.policy
     known = found.gain >= policy.least_gain and policy.no_chance(found.gain, found.z)
     return known and found.gain > found.as_torque and found.wave.steepest < 1.0
+
+
+def _gains_while_sliding(problem: Problem, model_fit: ModelFit, wave: ReadingWave) -> bool:
+    """Whether a reading's wave gains where the contact slides, whatever its law; where nothing slides, it may."""
+    sliding, fitted = beyond_presliding(problem, model_fit.fitted.packed), model_fit.fitted
+    if sliding is None:
+        return True
+    there = replace(model_fit, unseen=held_out(sliding, fitted.error, fitted.jacobian))
+    return _read(sliding, there, wave.wavenumber).gain > 0.0
 
 
 def _rather_torques(problem: Problem, model_fit: ModelFit, wavenumber: float) -> bool:
