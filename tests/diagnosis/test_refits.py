@@ -433,6 +433,28 @@ def test_a_law_of_the_base_that_a_name_needs_is_not_dropped(
     assert (state.root is fit) is kept
 
 
+@pytest.mark.parametrize(("asked", "left", "kept"), [(False, 0.8, False), (False, 1.1, True), (True, 0.8, True)])
+def test_a_law_of_the_base_that_stood_for_an_effect_goes_before_more_is_looked_for(
+    monkeypatch: pytest.MonkeyPatch, asked: bool, left: float, kept: bool
+) -> None:
+    """A contact's own curve stood for a lag; beside the lag it bent the rest, and a memory was confirmed with it."""
+    less = SimpleNamespace(fitted=SimpleNamespace(cost=2.0, packed=None))
+    law = SimpleNamespace(there=lambda _: True, removed=lambda *_: less)
+    monkeypatch.setattr(search, "BASE_LAWS", (law,))
+    monkeypatch.setattr(search, "asked_for", lambda *_: asked)
+    monkeypatch.setattr(search, "judged", lambda *told: told[2])
+    led = SimpleNamespace(model_fit=SimpleNamespace(fitted=SimpleNamespace(cost=left)), named=True)
+    monkeypatch.setattr(search, "refined", lambda *_: led)
+    fit = SimpleNamespace(fitted=SimpleNamespace(cost=1.0, packed=None))
+    chosen = SimpleNamespace(effect="torque_lag", named=False, model_fit=fit)
+    state = _search(chosen)
+    state.root = fit
+    search._drop_laws(state, only_where_less_is_left=True)
+    assert (state.chosen is chosen) is kept
+    assert (state.chosen is led) is not kept
+    assert (state.root is fit) is kept
+
+
 @pytest.mark.parametrize(
     ("beyond", "named", "effects", "anew"),
     [

@@ -12,6 +12,7 @@ import pytest
 from autotune.diagnosis.evidence import time_driven
 from autotune.diagnosis.verdict import NONE, diagnose
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.cross_validation import beyond_presliding
 from autotune.estimation.data import TRAINING, Block, Clocked, ReadingWave, filtered_motion
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
@@ -253,6 +254,18 @@ def test_what_an_encoder_interpolates_is_found_beside_a_coarse_wave(begun: tuple
     assert parts == pytest.approx(WAVE.parts, abs=2e-5), (
         "the coarse wave is in no model, and bends what is left"
     )
+
+
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_a_scale_is_read_wherever_the_axis_moves(begun: tuple[Problem, ModelFit], everywhere: bool) -> None:
+    """What gained 23 % near reversals and rests, and nothing elsewhere, was "sine and cosine" of an exact encoder."""
+    problem, read = _with_reading(*begun)
+    sliding = beyond_presliding(problem, read.fitted.packed)
+    assert sliding is not None
+    there = everywhere | (sliding.weight == 0.0)
+    error = np.where(there, read.fitted.error, begun[1].fitted.error)
+    read = replace(read, fitted=replace(read.fitted, error=error))
+    assert time_driven._gains_while_sliding(problem, read, WAVE) is everywhere
 
 
 @pytest.mark.parametrize("aliased", [True, False])
