@@ -825,7 +825,9 @@ def test_damping_in_presliding_is_found_again_by_twins_where_a_fit_was_led_astra
     """
     problem, root = begun
     own = float(root.fitted.packed.p[layout.MICRO_DAMPING])
-    astray = [replace(one, lower=times * own) if one.slot == layout.MICRO_DAMPING else one for one in root.free]
+    astray = [
+        replace(one, lower=times * own) if one.slot == layout.MICRO_DAMPING else one for one in root.free
+    ]
     p = root.fitted.packed.p.copy()
     p[layout.MICRO_DAMPING] = times * own
     wrong = fit_inside_twin(problem, Packed(p, root.fitted.packed.on), astray, 2)

@@ -433,7 +433,9 @@ def test_a_law_of_the_base_that_a_name_needs_is_not_dropped(
     assert (state.root is fit) is kept
 
 
-@pytest.mark.parametrize(("asked", "left", "kept"), [(False, 0.8, False), (False, 1.1, True), (True, 0.8, True)])
+@pytest.mark.parametrize(
+    ("asked", "left", "kept"), [(False, 0.8, False), (False, 1.1, True), (True, 0.8, True)]
+)
 def test_a_law_of_the_base_that_stood_for_an_effect_goes_before_more_is_looked_for(
     monkeypatch: pytest.MonkeyPatch, asked: bool, left: float, kept: bool
 ) -> None:
