@@ -232,7 +232,7 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
     nothing but the twin tells when a torque was read, so that cycles are one way to say how late it acts.
     """
     notes = []
-    whole = min(data.cycles, round(data.late / data.upsampling))
+    whole = _whole_cycles(data)
     if whole > 0:
         cycles = f"{whole} cycle" + "s" * (whole > 1)
         said = CYCLES_OR_LAG if law is not None and law.ticks > 1 else CYCLES_LATE
@@ -243,7 +243,7 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
     elif law is None and abs(data.late) >= data.upsampling:
         when = "later" if data.late > 0.0 else "sooner"
         notes.append(MOVED_UNTOLD.format(late=1e3 * abs(data.late) * data.period, when=when))
-    if data.lag > 2.0 * data.lag_error:
+    if _is_told(data):
         late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * data.lag)
         loop = CURRENT_LOOP_AT_LEAST if data.lag >= CURRENT_LOOP else CURRENT_LOOP_LATE
         notes.append(loop.format(late=late, error=error, hertz=hertz))
@@ -256,7 +256,17 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
 
 def told_late(data: Prepared) -> bool:
     """Whether cycles of a bus or a current loop were taken out."""
-    return min(data.cycles, round(data.late / data.upsampling)) > 0 or data.lag > 2.0 * data.lag_error
+    return _whole_cycles(data) > 0 or _is_told(data)
+
+
+def _whole_cycles(data: Prepared) -> int:
+    """Cycles of a bus that are none of a record that was taken to be late."""
+    return min(data.cycles, round(data.late / data.upsampling))
+
+
+def _is_told(data: Prepared) -> bool:
+    """Whether a current loop is told from none."""
+    return data.lag > 2.0 * data.lag_error
 
 
 def _reading_note(data: Prepared, wave: ReadingWave) -> str:

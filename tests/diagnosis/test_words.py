@@ -20,6 +20,7 @@ from autotune.diagnosis.wording import (
     repeats_note,
     separating_experiment,
     sets_of_rivals,
+    told_late,
     torque_path_notes,
     unknown_note,
 )
@@ -132,6 +133,15 @@ def _read(size: float, resolution: float) -> str:
         SimpleNamespace(**path, reading=wave, resolution=resolution, metadata=metadata)
     )
     return note
+
+
+@pytest.mark.parametrize(
+    ("cycles", "late", "lag", "told"), [(2, 2.0, 0.0, True), (2, 0.0, 0.0, False), (0, 0.0, 3e-4, True)]
+)
+def test_a_delay_that_was_taken_out_is_told_as_one(cycles: int, late: float, lag: float, told: bool) -> None:
+    """Beside something without a name it is a guess; cycles that make up for a late record are none."""
+    data = SimpleNamespace(cycles=cycles, late=late, upsampling=1, lag=lag, lag_error=5e-5)
+    assert told_late(data) is told
 
 
 def test_waves_below_a_count_blame_no_encoder() -> None:
