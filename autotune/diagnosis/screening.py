@@ -13,7 +13,14 @@ from autotune.diagnosis.candidates import Progress, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts_of
 from autotune.diagnosis.transmission import adds_nothing
-from autotune.estimation.bias_corrected_fit import STEPS_A_ROUND, ModelFit, fit_inside_twin, stepped, twinned
+from autotune.estimation.bias_corrected_fit import (
+    STEPS_A_ROUND,
+    ModelFit,
+    fit_inside_twin,
+    held_out_of,
+    stepped,
+    twinned,
+)
 from autotune.estimation.coordinates import generic_columns
 from autotune.estimation.cross_validation import (
     drift,
@@ -332,7 +339,7 @@ def _walked_on(problem: Problem, model_fit: ModelFit) -> ModelFit:
         return model_fit
     before = model_fit.fitted
     fitted = refit(problem, before.packed, list(model_fit.free), model_fit.correction, 2, near=before)
-    return replace(model_fit, fitted=fitted, unseen=held_out(problem, fitted.error, fitted.jacobian))
+    return held_out_of(problem, replace(model_fit, fitted=fitted))
 
 
 def generic_gains(problem: Problem, model_fit: ModelFit) -> dict[str, float]:

@@ -63,13 +63,12 @@ from autotune.diagnosis.transmission import (
     plainer_of,
     spring_in_place,
 )
-from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_inside_twin, held_out_of
 from autotune.estimation.cross_validation import (
     beyond_presliding,
     evenly,
     gain_and_z,
     goes_with_place,
-    held_out,
 )
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
@@ -622,7 +621,7 @@ def _begun_beside(state: SearchState, found: Found) -> Found:
     sliding = beyond_presliding(problem, own.fitted.packed)
     if sliding is None:
         return found
-    there = replace(own, unseen=held_out(sliding, own.fitted.error, own.fitted.jacobian))
+    there = held_out_of(sliding, own)
     generic = state.evidence.telling(generic_gains(sliding, there))
     found = replace(found, generic=generic, sliding=sliding)
     structured = max(generic.values(), default=0.0) > problem.policy.generic_gain

@@ -133,23 +133,20 @@ def _or_other_transmission(state: SearchState, best: FittedCandidate) -> FittedC
     After the few steps by which a round compares them both stop short, and what they leave does not tell which of them
     is on its way: a gap with a damped contact explained 70 % beside a spring's 78 %, and 93 % when it was led on.
     """
-    rivals = [
-        one
-        for one in state.tried
-        if len(one.model_fit.effects) == 1 and one.effect != best.effect and _is_transmission(one)
-    ]
-    if best.named or not rivals or not _is_transmission(best) or len(best.model_fit.effects) > 1:
+    if best.named or not state.problem.twin or not _is_transmission(best):
         return best
-    if not state.problem.twin or not unsettled(state.problem, rivals[0]):
+    rival = next((one for one in state.tried if one.effect != best.effect and _is_transmission(one)), None)
+    if rival is None or not unsettled(state.problem, rival):
         return best
-    other = refined(state.problem, state.root, rivals[0], state.progress)
+    other = refined(state.problem, state.root, rival, state.progress)
     other = masses_led_on(state.problem, state.root, other, state.progress)
-    state.tried = [other if one is rivals[0] else one for one in state.tried]
+    state.tried = [other if one is rival else one for one in state.tried]
     return other if other.training.left < best.training.left else best
 
 
 def _is_transmission(candidate: FittedCandidate) -> bool:
-    return EFFECTS[candidate.effect].in_transmission
+    """Whether it is one, and nothing beside it."""
+    return len(candidate.model_fit.effects) == 1 and EFFECTS[candidate.effect].in_transmission
 
 
 def _other_spring(state: SearchState, best: FittedCandidate) -> FittedCandidate:

@@ -309,6 +309,12 @@ class Projected:
         return np.array([math.inf if bias is None else self.cost(0.0, bias) for bias in biases])
 
 
+def held_out_of(problem: Problem, model_fit: ModelFit) -> ModelFit:
+    """The same fit by experiments of a problem with other rows, or another weight of them, held out."""
+    fitted = model_fit.fitted
+    return replace(model_fit, unseen=held_out(problem, fitted.error, fitted.jacobian))
+
+
 def unseen_error(problem: Problem, model_fit: ModelFit) -> float:
     """Rms on the test trajectory [N m or N]; nan without one.
 

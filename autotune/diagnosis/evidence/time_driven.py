@@ -16,11 +16,10 @@ from scipy.signal import welch
 from autotune.core.arrays import Floats
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
-from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.bias_corrected_fit import ModelFit, held_out_of
 from autotune.estimation.cross_validation import (
     beyond_presliding,
     gain_and_z,
-    held_out,
     of_friction,
     with_columns,
 )
@@ -182,11 +181,8 @@ def _is_known(problem: Problem, found: _Read) -> bool:
 
 def _gains_while_sliding(problem: Problem, model_fit: ModelFit, wave: ReadingWave) -> bool:
     """Whether a reading's wave gains where the contact slides, whatever its law; where nothing slides, it may."""
-    sliding, fitted = beyond_presliding(problem, model_fit.fitted.packed), model_fit.fitted
-    if sliding is None:
-        return True
-    there = replace(model_fit, unseen=held_out(sliding, fitted.error, fitted.jacobian))
-    return _read(sliding, there, wave.wavenumber).gain > 0.0
+    sliding = beyond_presliding(problem, model_fit.fitted.packed)
+    return sliding is None or _read(sliding, held_out_of(sliding, model_fit), wave.wavenumber).gain > 0.0
 
 
 def _rather_torques(problem: Problem, model_fit: ModelFit, wavenumber: float) -> bool:
