@@ -59,7 +59,7 @@ from autotune.estimation.controller_search import (
 from autotune.estimation.data import Prepared, known_resolution, step_of, stretches_of
 from autotune.estimation.disturbance import positions_read
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.twin_runs import slower
+from autotune.estimation.twin_runs import slower, slower_in
 from autotune.recordings.checks import at_limit, torque_of
 from autotune.recordings.recording import OF_FILTER, Controller, Recording
 from autotune.signals.between_samples import between_moments
@@ -316,9 +316,30 @@ def _as_asked(data: Prepared, law: PositionController) -> Prepared:
     where the motion does. What the law makes of the positions at the samples has none of it. What is slower than its
     sum wanders is that of the recorded torque.
     """
-    wanted = asked(data, replace(law, taken=NEXT))
+    wanted = _free_of_clamps(data, asked(data, replace(law, taken=NEXT)), law.asked)
     torque = wanted + slower(data, data.torque - wanted, law.asked)
     return replace(data, torque=torque, recorded_torque=torque, shift=0.0, asked=wanted)
+
+
+def _free_of_clamps(data: Prepared, wanted: Floats, wanders: float) -> Floats:
+    """What a law asks for, shape (n,), where the torque was not clamped, and the recorded torque where it was.
+
+    A clamp leaves another sum than the law's, so that what it asks for steps there: from clamp to clamp it is levelled
+    by itself, below the frequency `wanders` [Hz] above which it is compared. Runs shorter than a period of that tell
+    nothing.
+    """
+    held = clamped(data.torque, data.metadata.torque_limit)
+    if not held.any():
+        return wanted
+    levelled = data.torque.copy()
+    for stretch in data.stretches:
+        free = np.concatenate([[False], ~held[stretch.rows], [False]]).astype(np.int8)
+        for start, stop in (np.flatnonzero(np.diff(free)).reshape(-1, 2) + stretch.rows.start).tolist():
+            if (stop - start) * data.period * wanders >= 1.0:
+                rows = slice(start, stop)
+                off = data.torque[rows] - wanted[rows]
+                levelled[rows] = wanted[rows] + slower_in(off, wanders, data.period)
+    return levelled
 
 
 def as_wanted(data: Prepared, law: PositionController) -> Prepared:

@@ -96,7 +96,7 @@ def laws_between(
         return (found,)
     others = [law for law in others if _tells(law, samples)]
     no_more = 1.0 - between.explained < AS_MUCH * (1.0 - rate.explained)
-    return (between, *others) if no_more else (found, between, *others)
+    return (between, *others, found) if no_more else (found, between, *others)
 
 
 def laws_of_slow_rows(samples: LoopSamples) -> tuple[PositionController, ...]:

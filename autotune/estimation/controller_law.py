@@ -165,8 +165,27 @@ class PositionController:
         proportional part's. A cascade that feeds no velocity forward has a following error so large that without this
         the same gains ask for a multiple of what the axis needs.
         """
-        spare = 0.5 * self.ki * period * (1.0 / self.ticks - 1.0 / ticks)
-        return replace(self, ticks=ticks, kp=self.kp + spare)
+        sooner = 0.5 * period * (1.0 / self.ticks - 1.0 / ticks)
+        if self.held:
+            return self._held_longer(ticks, sooner)
+        return replace(self, ticks=ticks, kp=self.kp + self.ki * sooner)
+
+    def _held_longer(self, ticks: int, sooner: float) -> PositionController:
+        """The same of a drive that holds its set points, where half a tick is by `sooner` shorter [s].
+
+        In the sum of the error set points that are held are behind a line by as much more. What is read as a row
+        begins has half a tick more of the position in that sum, as ever; a tick before it has half of one less, and all
+        of the position a tick older; a mean has no more of it, and answers to a position half a tick older.
+        """
+        more, older = {MOMENT: (1.0, 0.0), EVE: (-1.0, 2.0)}.get(self.taken, (0.0, 1.0))
+        return replace(
+            self,
+            ticks=ticks,
+            kp=self.kp + more * self.ki * sooner,
+            position_feedforward=self.position_feedforward + self.ki * sooner,
+            velocity_feedforward=self.velocity_feedforward + older * self.kp * sooner,
+            acceleration_feedforward=self.acceleration_feedforward + older * self.kd * sooner,
+        )
 
     def answering(self, late: int) -> PositionController:
         """The law whose torque answers so many samples later."""

@@ -248,15 +248,21 @@ def _or_asked(
 ) -> _Least:
     """The law that was told, or what laws ask for in place of the torque where a twin leaves clearly less so.
 
-    Repeats tell what is no noise, and no clamped torque leaves a law's sum unknown. What drowned the ticks of its loop
-    is gone then: they are told again.
+    Repeats tell what is no noise. What drowned the ticks of its loop
+    is gone then, and what drowned which law it is: both are told again. Where that was a law by chance, what it asks
+    for may be no torque that any motor gave; so the one that explains most is tried as well.
     """
     law = told.law
-    if law.ticks == 1 or not data.repeated or clamped(data.torque, data.metadata.torque_limit).any():
+    if law.ticks == 1 or not data.repeated:
         return told
-    trials = [replace(law, asked=times / PIECE_SECONDS) for times in WANDERS]
-    left = [fitted(trial).left_by(trial, told.disturbance)[0] for trial in trials]
-    if min(left) * (AS_MUCH if law.demanded else 1.0) >= CLEARLY_LESS * told.left:
+    explains_most = next(one for one in laws if one.ticks > 1).on_ticks(law.ticks, data.period)
+    most = CLEARLY_LESS * told.left / (AS_MUCH if law.demanded else 1.0)
+    for one in dict.fromkeys((law, explains_most)):
+        trials = [replace(one, asked=times / PIECE_SECONDS) for times in WANDERS]
+        left = [fitted(trial).left_by(trial, told.disturbance)[0] for trial in trials]
+        if min(left) < most:
+            break
+    else:
         return told
     best = trials[int(np.argmin(left))]
     others = [replace(one, asked=best.asked) for one in laws if one.ticks > 1]

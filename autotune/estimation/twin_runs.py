@@ -105,19 +105,23 @@ def moved_later(data: Prepared, values: Floats, late: int) -> Floats:
 
 
 def slower(data: Prepared, values: Floats, cutoff: float) -> Floats:
-    """Values of shape (…, n) below a frequency [Hz], in each stretch, which goes on mirrored beyond its end.
+    """Values of shape (…, n) below a frequency [Hz], in each stretch (`slower_in`)."""
+    slow = np.zeros_like(values)
+    for rows in (stretch.rows for stretch in data.stretches):
+        slow[..., rows] = slower_in(values[..., rows], cutoff, data.period)
+    return slow
+
+
+def slower_in(values: Floats, cutoff: float, period: float) -> Floats:
+    """Values of shape (…, n) below a frequency [Hz], which go on mirrored beyond their end; the period in s.
 
     A low-pass turns what it sees about the last value, and would lift the last seconds by whatever that has of noise:
     a law asks there for what is to come.
     """
-    slow = np.zeros_like(values)
-    for rows in (stretch.rows for stretch in data.stretches):
-        own = values[..., rows]
-        count = own.shape[-1]
-        beyond = min(count, round(MIRRORED / (cutoff * data.period)))
-        mirrored = np.concatenate([own, own[..., ::-1][..., :beyond]], axis=-1)
-        slow[..., rows] = low_pass(mirrored, cutoff, data.period)[..., :count]
-    return slow
+    count = values.shape[-1]
+    beyond = min(count, round(MIRRORED / (cutoff * period)))
+    mirrored = np.concatenate([values, values[..., ::-1][..., :beyond]], axis=-1)
+    return np.asarray(low_pass(mirrored, cutoff, period)[..., :count])
 
 
 def _late_rows(position: Floats, spread: float, resolution: float, random: np.random.Generator) -> Floats:

@@ -15,7 +15,7 @@ from autotune.estimation.controller import (
     recorded_late_by,
 )
 from autotune.estimation.controller_between import holding, laws_between
-from autotune.estimation.controller_law import LoopSamples, PositionController
+from autotune.estimation.controller_law import LoopSamples, PositionController, between_terms
 from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.model_error import plain_fit, told_by_twin
@@ -109,6 +109,22 @@ def test_the_twin_of_a_drive_that_holds_its_set_points_is_not_half_a_row_ahead()
     assert off[0] < 0.2 * off[1]
     run = run_twin(as_recorded(data, held), model, held, STILL, np.random.default_rng(1))
     assert np.std((run.torque - acted)[200:-50]) < 0.2 * np.std((data.torque - acted)[200:-50])
+
+
+@pytest.mark.parametrize("taken", ["moment", "eve", "next", "before"])
+def test_a_law_that_holds_its_set_points_asks_for_the_same_on_other_ticks(taken: str) -> None:
+    """With more ticks they are behind a line by more of a row: the sum of the error would go off with the place.
+
+    To a fifth of that: what the rate of the set points is, as they were taken in, it makes up for half a row late.
+    """
+    samples = of_a_drive("moment")[1]
+    law = replace(ON_ERRORS, held=True, reference_rate=0.0, velocity_feedforward=0.06, taken=taken)
+    rate = law.filter_rate(ROW)
+    few, many, as_it_was = (
+        (between_terms(samples, one, rate) @ one.terms_gains)[200:-50]
+        for one in (law, law.on_ticks(3 * TICKS, ROW), replace(law, ticks=3 * TICKS))
+    )
+    assert np.std(many - few) < 0.2 * np.std(as_it_was - few)
 
 
 def test_a_reading_behind_lines_is_compared_as_the_mean_that_acts() -> None:
