@@ -181,6 +181,10 @@ OWN_RECORDER = (
     "record it with your own controller or scope, at least twice, and import both: autotune data import FILE"
 )
 """Where the axis is not one that this program has recorded."""
+GIVEN_AS = (
+    "Give it as a second file (autotune model diagnose FILE OTHER), or in the same file, its rows labelled 'veto'."
+)
+"""How a trajectory reaches a diagnosis that confirms by it."""
 OTHER_STATE = (
     "These data hold {kinds} kinds of motion, each repeated, so another motion tells little more. Change one thing on "
     "the machine and record the same again: the load taken off, another payload, cold and warm. What changes with it "
@@ -188,7 +192,7 @@ OTHER_STATE = (
 )
 OTHER_TRAJECTORY = (
     "These data hold {kinds} kinds of motion, each repeated. Another trajectory confirms or refutes the name: other "
-    "strokes, speeds and places than these have; {how}"
+    "strokes, speeds and places than these have; {how}. " + GIVEN_AS
 )
 ALL_KINDS = 5
 """Kinds of motion among which every effect shows itself; as many as where nothing is known of what is missing."""
@@ -616,7 +620,7 @@ def next_experiment(
             return OTHER_TRAJECTORY.format(kinds=kinds, how=_how(own_axis))
         near = confusable[0] if confusable else effects
         said = separating_experiment(near, own_axis) + there
-        return f"{said}. A second trajectory confirms or refutes the name."
+        return f"{said}. A second trajectory confirms or refutes the name. {GIVEN_AS}"
     if verdict == "unknown" and kinds >= ALL_KINDS:
         return OTHER_STATE.format(kinds=kinds)
     if verdict == "unknown":
