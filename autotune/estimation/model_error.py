@@ -34,7 +34,6 @@ from autotune.estimation.controller import (
     as_acted,
     as_recorded,
     asked,
-    clamped,
     controllers_of,
     find_controller,
 )

@@ -166,6 +166,40 @@ def test_what_a_law_asks_for_is_compared_where_the_recorded_torque_is_noisy(alia
     assert np.std(off) < 0.5 * np.std(smoothed(taken, data.torque - acted)) or alias == 0.0
 
 
+def test_what_was_told_by_chance_under_noise_does_not_hide_what_another_law_asks_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What counts make of a moment's torque drowns which law it is; what a wrong one asks for goes off by itself."""
+
+    def left_by(_: PlainFit, law: PositionController, __: Disturbance) -> tuple[float, float]:
+        return ((50.0 if law.held else 0.1) if law.asked > 0.0 else (0.9 if law.held else 1.0)), 0.0
+
+    monkeypatch.setattr(PlainFit, "left_by", left_by)
+    data, _ = _read_at_a_moment(5e-3)
+    law, _ = told_by_twin(
+        data, [replace(LAW, ticks=6), replace(LAW, ticks=6, held=True)], base_model(AXIS).pack()
+    )
+    assert not law.held
+    assert law.asked > 0.0
+
+
+def test_what_a_law_asks_for_is_levelled_from_clamp_to_clamp() -> None:
+    """A clamp leaves another sum than the law's: torques step there by what nothing tells."""
+    data, acted = _read_at_a_moment(6e-3)
+    clamp, step = slice(3_000, 3_010), 0.3 * float(np.std(acted))
+    limit = 1.1 * float(np.max(np.abs(data.torque)))
+    torque = data.torque + np.where(np.arange(len(acted)) < clamp.start, 0.0, step)
+    torque[clamp] = limit
+    limited = replace(
+        data, torque=torque, recorded_torque=torque, metadata=replace(data.metadata, torque_limit=limit)
+    )
+    taken = as_recorded(limited, replace(LAW, ticks=6, asked=1.0))
+    near = np.r_[2_500 : clamp.start, clamp.stop : 3_500]
+    off = taken.torque[near] - acted[near] - step * (near >= clamp.stop)
+    assert np.std(off) < 0.5 * np.std((data.torque - acted)[near])
+    assert taken.torque[clamp] == pytest.approx(limit, rel=0.01)  # and what is slow of its edges
+
+
 def test_a_models_error_is_of_the_torque_that_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     """As diagnosis has it: else what a moment's torque has of counts would be the model's fault once it is compared."""
     data, _ = _read_at_a_moment(6e-3)
