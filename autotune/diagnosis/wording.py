@@ -181,7 +181,9 @@ OWN_RECORDER = (
     "record it with your own controller or scope, at least twice, and import both: autotune data import FILE"
 )
 """Where the axis is not one that this program has recorded."""
-GIVEN_AS = "Give it as a second file (autotune model diagnose FILE OTHER), or in this one, its rows labelled 'veto'."
+GIVEN_AS = (
+    "Give it as a second file (autotune model diagnose FILE OTHER), or in this one, its rows labelled 'veto'."
+)
 """How a trajectory reaches a diagnosis that confirms by it."""
 OTHER_STATE = (
     "These data hold {kinds} kinds of motion, each repeated, so another motion tells little more. Change one thing on "
