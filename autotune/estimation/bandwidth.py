@@ -42,6 +42,7 @@ from autotune.estimation.controller import (
     with_feedforward_late,
     with_friction_fed,
     with_torque_added,
+    with_torque_limit,
 )
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.coordinates import travel_since_reversal
@@ -451,7 +452,8 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     most = max(compared_below(longest.period), bands.error)
     data = _quiet(recordings, most, pace)
     law = find_controller(data, policy)
-    told = with_feedforward_late(recordings, data, policy)
+    told = with_torque_limit(recordings, data, policy)
+    told = with_feedforward_late(recordings, data, policy) if told is recordings else told
     told = with_friction_fed(recordings, data, policy) if told is recordings else told
     told = with_torque_added(recordings, data, policy) if told is recordings else told
     read = [as_read(recording, law) for recording in told]

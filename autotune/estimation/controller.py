@@ -60,7 +60,7 @@ from autotune.estimation.data import Prepared, known_resolution, step_of, stretc
 from autotune.estimation.disturbance import positions_read
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.twin_runs import slower, slower_in
-from autotune.recordings.checks import at_limit, torque_of
+from autotune.recordings.checks import at_limit, noisy_limit, torque_of
 from autotune.recordings.recording import OF_FILTER, Controller, Recording
 from autotune.signals.between_samples import between_moments
 from autotune.signals.filters import low_pass
@@ -98,7 +98,12 @@ KICKED = (
     " It is largest where the speed of the reference steps: an acceleration feedforward kicks the axis there, for less "
     "than a row. Where that is so, round the reference off, and record again."
 )
-TOLD_OF_LOOP = (AS_READ, FEEDS_FRICTION, LOGGED_FEEDFORWARD, ADDED)
+LIMITED = "The torque is cut off at about "
+TORQUE_LIMITED = LIMITED + (
+    "{:.3g} {unit}, as its noise lets one see: only so has the controller a law. If you know the limit, name it: "
+    "autotune data import FILE --torque-limit LIMIT"
+)
+TOLD_OF_LOOP = (AS_READ, FEEDS_FRICTION, LOGGED_FEEDFORWARD, ADDED, LIMITED)
 """How remarks begin that tell what was found out about the loop."""
 KICK, NEAR_KICK = 5.0, 2
 """Times the second differences that a hundredth of the rows exceeds: a step of the speed; and the rows beside it."""
@@ -535,6 +540,29 @@ def _tells_more(law: PositionController, other: PositionController) -> bool:
     if law.in_band != other.in_band:
         return other.in_band
     return 1.0 - law.explained < WORTH_DELAYS * (1.0 - other.explained)
+
+
+def with_torque_limit(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:
+    """Recordings with the limit that a noisy torque is cut off at, where their controller has a law only then.
+
+    As in `with_friction_fed`. At a limit the sum of the controller stops, and what it asks for from there on is another
+    than its law's; but a measured torque scatters about it, and none of its values comes again (`clamped`).
+    """
+    if data.metadata.torque_limit is not None or not data.closed:
+        return recordings
+    before = find_controller(data, policy)
+    limit = None if _of_all_rows(before) else noisy_limit(data.recorded_torque)
+    if limit is None:
+        return recordings
+    limited = replace(data, metadata=replace(data.metadata, torque_limit=limit))
+    after = find_controller(limited, policy)
+    if not after.usable or (before.usable and not _of_all_rows(after)):
+        return recordings
+    unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
+    said = TORQUE_LIMITED.format(limit, unit=unit)
+    return [
+        one.with_metadata(torque_limit=limit, remarks=(*one.metadata.remarks, said)) for one in recordings
+    ]
 
 
 def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:

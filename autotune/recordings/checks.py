@@ -6,6 +6,7 @@ passes has finite numbers, increasing time and enough rows that move.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,10 @@ SWING_SECONDS = 1.0
 """Of the windows in which a swing is looked for."""
 _FLAT_TOP = 5
 _LEAST_TOPS = 3
+WITHIN = 3.0
+"""Standard deviations of its noise by which a torque is off the level that it is cut off at, on either side."""
+NORMAL_QUARTILE = 0.6745
+"""Standard deviations to the upper quartile of the normal distribution."""
 """Visits to the extreme: one or two may be a plateau that was commanded."""
 
 
@@ -96,6 +101,21 @@ def at_limit(torque: Floats, limit: float | None) -> Clipping:
     peak = float(np.max(np.abs(torque)))
     at_peak = np.abs(np.abs(torque) - peak) <= 1e-6 * peak
     return Clipping(_cut_off(torque, at_peak), peak)
+
+
+def noisy_limit(torque: Floats) -> float | None:
+    """Where a measured torque, shape (n,), may be cut off as its noise lets one see, by its lower edge; else None.
+
+    There it scatters about one level, and no value comes again. Its noise is told by second differences, of which the
+    motion has next to nothing. A torque that only comes so far looks alike: this is to be asked, and not believed.
+    """
+    bent = np.diff(torque, 2)
+    noise = float(np.median(np.abs(bent - np.median(bent)))) / (NORMAL_QUARTILE * math.sqrt(6.0))
+    size = np.abs(torque)
+    near = size[size >= float(np.max(size)) - 2.0 * WITHIN * noise]
+    limit = float(np.median(near)) - WITHIN * noise
+    tops = np.count_nonzero(np.diff((size >= limit).astype(np.int8)) > 0)
+    return limit if noise > 0.0 and limit > 0.0 and tops > 1 else None
 
 
 def refuse_clipping(recording: Recording) -> Clipping:

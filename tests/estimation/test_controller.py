@@ -142,6 +142,30 @@ def test_a_clamped_torque_tells_the_law_between_the_clamps() -> None:
     assert both(recording.with_metadata(controller=OF_TRUE)).source == "metadata"
 
 
+@pytest.mark.parametrize("share", [0.8, 1.0])
+def test_a_limit_is_told_where_noise_hides_it_and_where_only_it_leaves_a_law(share: float) -> None:
+    """A measured torque scatters about its limit; a loop that never came to one has its law without."""
+    time = np.arange(12_000) * PERIOD
+    moved = 0.5 - 0.5 * np.cos(np.pi * np.minimum(time % 1.0, 0.2) / 0.2)
+    wanted, random = 0.6 * np.where(time % 2.0 < 1.0, moved, 1.0 - moved), np.random.default_rng(4)
+    shaken = random.normal(0.0, 2e-3, len(time))
+    peak = float(np.max(np.abs(followed(wanted, shaken, TRUE, base_model(AXIS))["torque"])))
+    limit = share * peak
+    columns = followed(wanted, shaken, TRUE, base_model(AXIS), limit)
+    columns["torque"] = columns["torque"] + random.normal(0.0, 3e-3 * peak, len(time))
+    metadata = Metadata(sample_period=PERIOD, position_resolution=RESOLUTION)
+    measured = Recording.from_columns(columns, metadata, "motion")
+    assert find_controller(prepare([measured])).usable is (share == 1.0)
+    data = prepared_for([measured])
+    law = find_controller(data)
+    assert (law.kp, law.kd, law.ki) == pytest.approx((TRUE.kp, TRUE.kd, TRUE.ki), rel=0.01)
+    if share == 1.0:
+        assert data.metadata.torque_limit is None
+    else:  # by its lower edge: three deviations of that noise, and what the loop's own adds to it
+        assert data.metadata.torque_limit == pytest.approx(limit, rel=0.02)
+        assert any("--torque-limit" in said for said in data.metadata.remarks)
+
+
 def test_a_torque_that_is_always_clamped_cannot_verify_and_that_is_said() -> None:
     recording = recorded(TRUE, OF_TRUE)
     columns = dict(recording.floats)
