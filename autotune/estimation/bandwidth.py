@@ -63,6 +63,7 @@ from autotune.estimation.data import (
 from autotune.estimation.parts import fitted_part
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import check_recording, guide_of, torque_of
+from autotune.recordings.held_rows import one_row_a_cycle
 from autotune.recordings.recording import CONDITIONING, Recording
 from autotune.recordings.speed_points import as_steady_recordings, speed_points
 from autotune.signals.filters import low_pass, motion
@@ -435,6 +436,21 @@ def prepared_repeats(recordings: Sequence[Recording]) -> Prepared | None:
     return data if data.repeated else None
 
 
+def _at_the_rows(law: PositionController) -> bool:
+    """Whether a controller works once a row: what it asks for is told row by row."""
+    return law.usable and law.ticks == 1 and not law.in_band
+
+
+def _of_its_cycles(recordings: Sequence[Recording], policy: Policy) -> Prepared | None:
+    """Recordings with one row for each cycle of their controller, made ready; None where they have no more of them."""
+    taken = [one_row_a_cycle(recording) for recording in recordings]
+    if any(one is recording for one, recording in zip(taken, recordings, strict=True)):
+        return None
+    if len({one.period for one in taken}) > 1:
+        return None
+    return prepared_for(taken, policy)
+
+
 def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Prepared:
     """Recordings made ready: as the diagnosis programme wants it, or as a single trajectory allows.
 
@@ -452,6 +468,9 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     most = max(compared_below(longest.period), bands.error)
     data = _quiet(recordings, most, pace)
     law = find_controller(data, policy)
+    fewer = None if _at_the_rows(law) else _of_its_cycles(recordings, policy)
+    if fewer is not None:
+        return fewer
     told = with_torque_limit(recordings, data, policy)
     told = with_feedforward_late(recordings, data, policy) if told is recordings else told
     told = with_friction_fed(recordings, data, policy) if told is recordings else told

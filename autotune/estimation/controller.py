@@ -61,6 +61,7 @@ from autotune.estimation.disturbance import positions_read
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.twin_runs import slower, slower_in
 from autotune.recordings.checks import at_limit, noisy_limit, torque_of
+from autotune.recordings.held_rows import SET_POINTS_STAND
 from autotune.recordings.recording import OF_FILTER, Controller, Recording
 from autotune.signals.between_samples import between_moments
 from autotune.signals.filters import low_pass
@@ -103,7 +104,7 @@ TORQUE_LIMITED = LIMITED + (
     "{:.3g} {unit}, as its noise lets one see: only so has the controller a law. If you know the limit, name it: "
     "autotune data import FILE --torque-limit LIMIT"
 )
-TOLD_OF_LOOP = (AS_READ, FEEDS_FRICTION, LOGGED_FEEDFORWARD, ADDED, LIMITED)
+TOLD_OF_LOOP = (AS_READ, FEEDS_FRICTION, LOGGED_FEEDFORWARD, ADDED, LIMITED, SET_POINTS_STAND)
 """How remarks begin that tell what was found out about the loop."""
 KICK, NEAR_KICK = 5.0, 2
 """Times the second differences that a hundredth of the rows exceeds: a step of the speed; and the rows beside it."""
