@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autotune.core.arrays import Floats
-from autotune.recordings.importing.played_again import FEWEST, Play, beside, played
+from autotune.recordings.importing.played_again import FEWEST, Play, beside, played, told_apart
+from autotune.recordings.recording import Metadata, Recording
 
 from .conftest import bring_in
 
@@ -66,6 +67,23 @@ def test_a_programme_played_again_is_cut_into_experiments(times: int) -> None:
     assert len(found) >= FEWEST
     assert all(len(own) == times for own in found.values())
     assert sum(one.stop - one.start for one in plays) > 0.8 * len(reference)
+
+
+@pytest.mark.parametrize("times", [2, 3, 5])
+def test_a_file_that_is_one_programme_is_told_apart_however_often_it_is_played(times: int) -> None:
+    """Of three plays each is a third of the file, and still holds as many experiments as must be held out."""
+    reference = np.concatenate([*ONCE] * times)
+    columns = {
+        "time": PERIOD * np.arange(len(reference)),
+        "position": reference,
+        "torque": np.gradient(reference),
+    }
+    whole = Recording.from_columns(columns | {"reference": reference}, Metadata(sample_period=PERIOD), "axis")
+    split, said = told_apart(whole)
+    assert said is not None
+    assert f"up to {times} times" in said or (times == 2 and "twice" in said)
+    again = {one.experiment for one in split.segments() if one.repeat == times - 1}
+    assert len(again) >= FEWEST
 
 
 def test_motions_that_are_played_twice_each_are_repeats() -> None:

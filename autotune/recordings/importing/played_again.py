@@ -7,7 +7,7 @@ that holds all of them in one piece seldom says which rows are which.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,8 @@ LEAST_PART, MOST_PARTS = 2.0, 12
 """s of motion that are an experiment by themselves, at least; and how many all plays are cut into."""
 FEWEST = 4
 """Experiments that are played again: with fewer there is nothing left to be held out."""
+FINER = (1, 2, 4)
+"""Times as many parts, where there are fewer than that: a programme that is played three times has a third of them."""
 MOST_MOTIONS, WORTH = 1500, 2e-3
 """What is looked through at most; and of all motion, what must come again to be told."""
 NEAR, OVERLAP = 0.01, 0.8
@@ -77,16 +79,11 @@ def told_apart(recording: Recording) -> tuple[Recording, str | None]:
     if (not known or np.any(recording.repeat > 0)) and not uneven:
         return recording, None
     fitted = [one for name, own in groups.items() if name not in RESERVED_EXPERIMENTS for one in own]
-    least = sum(one.stop - one.start for one in fitted) / MOST_PARTS
-    labels = _Labels(recording.experiment.astype(object), recording.repeat.copy())
-    for name, own in groups.items():
-        pieces = [(one.start, one.stop) for one in own]
-        reserved = name in RESERVED_EXPERIMENTS
-        if known:
-            plays = played(recording["reference"], recording.period, pieces, np.inf if reserved else least)
-        else:
-            plays = beside(recording["position"], pieces)
-        labels.put(name, reserved, pieces, plays)
+    rows = sum(one.stop - one.start for one in fitted)
+    for finer in FINER:
+        labels = _labelled(recording, groups, rows / (finer * MOST_PARTS))
+        if uneven or labels.number == 0 or labels.number >= FEWEST:
+            break
     if not labels.number or (not uneven and labels.number < FEWEST):
         return recording, None
     columns = {name: recording[name] for name in recording.floats}
@@ -94,6 +91,20 @@ def told_apart(recording: Recording) -> tuple[Recording, str | None]:
         columns, recording.metadata, labels.experiment.astype(str), labels.repeat, recording.missed
     )
     return split, _said(labels, uneven)
+
+
+def _labelled(recording: Recording, groups: Mapping[str, Sequence[Segment]], least: float) -> _Labels:
+    """The labels of what comes again, in experiments of so many rows at least."""
+    labels = _Labels(recording.experiment.astype(object), recording.repeat.copy())
+    for name, own in groups.items():
+        pieces = [(one.start, one.stop) for one in own]
+        reserved = name in RESERVED_EXPERIMENTS
+        if "reference" in recording:
+            plays = played(recording["reference"], recording.period, pieces, np.inf if reserved else least)
+        else:
+            plays = beside(recording["position"], pieces)
+        labels.put(name, reserved, pieces, plays)
+    return labels
 
 
 def _said(labels: _Labels, uneven: bool) -> str:
