@@ -51,6 +51,7 @@ from autotune.diagnosis.wording import (
     Candidate,
     breathing_note,
     candidate_rows,
+    left_note,
     line_note,
     missing_codes_note,
     nearest,
@@ -416,6 +417,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root
     problem, root = facts.problem, facts.root
+    said += [left_note(problem, final)] * (case.verdict == NAMED and facts.evidence.repeats)
     own_axis = bool(problem.data.metadata.fingerprint)
     ask = next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis, _kinds(problem))
     return Diagnosis(

@@ -181,6 +181,10 @@ OWN_RECORDER = (
     "record it with your own controller or scope, at least twice, and import both: autotune data import FILE"
 )
 """Where the axis is not one that this program has recorded."""
+LEFT_BESIDE = (
+    "Beside what is named an error of {times:.2g} times the noise is left that comes again: another effect, or another "
+    "law of what is named; where and when it is there, the page of autotune model compare --html shows."
+)
 GIVEN_AS = (
     "Give it as a second file (autotune model diagnose FILE OTHER), or in this one, its rows labelled 'veto'."
 )
@@ -583,6 +587,16 @@ def offset_note(packed: Packed, metadata: Metadata) -> str:
         return ""
     unit = torque_symbol(metadata.motion_unit, metadata.torque_unit)
     return OFFSET.format(size=size, unit=unit, percent=100.0 * size / level)
+
+
+def left_note(problem: Problem, model_fit: ModelFit) -> str:
+    """What the model with all that is named leaves that comes again, where that is as much as the noise; else empty."""
+    error = model_fit.fitted.error
+    noise = problem.noise_variance(error, TRAINING)
+    again = problem.mean_square(error, TRAINING) - noise
+    if noise <= 0.0 or again < noise:
+        return ""
+    return LEFT_BESIDE.format(times=math.sqrt(again / noise))
 
 
 def headline(verdict: str, effects: Sequence[str], confidence: str | None, complete: bool) -> str:

@@ -13,6 +13,7 @@ from autotune.core.errors import ConfigurationError, a_few
 from autotune.diagnosis.wording import (
     MOST_NAMES,
     PROGRAMME,
+    left_note,
     missing_codes_note,
     nearest,
     next_experiment,
@@ -285,3 +286,12 @@ def test_an_offset_that_is_a_part_of_friction_is_told_for_what_it_may_be(share: 
     note = offset_note(packed, Metadata(motion_unit="m"))
     assert bool(note) == said
     assert not said or ("2 % of it" in note and "higher one way" in note and " N acts" in note)
+
+
+@pytest.mark.parametrize(("left", "said"), [(5.0, "2 times the noise"), (1.9, "")])
+def test_what_is_left_beside_a_name_is_said_where_it_is_as_much_as_the_noise(left: float, said: str) -> None:
+    problem: Any = SimpleNamespace(noise_variance=lambda *_: 1.0, mean_square=lambda *_: left)
+    model_fit: Any = SimpleNamespace(fitted=SimpleNamespace(error=None))
+    text = left_note(problem, model_fit)
+    assert said in text
+    assert bool(text) == bool(said)
