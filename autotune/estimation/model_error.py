@@ -247,9 +247,9 @@ def _or_asked(
 ) -> _Least:
     """The law that was told, or what laws ask for in place of the torque where a twin leaves clearly less so.
 
-    Repeats tell what is no noise. What drowned the ticks of its loop
-    is gone then, and what drowned which law it is: both are told again. Where that was a law by chance, what it asks
-    for may be no torque that any motor gave; so the one that explains most is tried as well.
+    Repeats tell what is no noise. What drowned the ticks of its loop is gone then, and what drowned which law it is:
+    both are told again. Where that was a law by chance, what it asks for may be no torque that any motor gave; so the
+    one that explains most is tried as well.
     """
     law = told.law
     if law.ticks == 1 or not data.repeated:
