@@ -471,10 +471,15 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     fewer = None if _at_the_rows(law) else _of_its_cycles(recordings, policy)
     if fewer is not None:
         return fewer
-    told = with_torque_limit(recordings, data, policy)
-    told = with_feedforward_late(recordings, data, policy) if told is recordings else told
-    told = with_friction_fed(recordings, data, policy) if told is recordings else told
-    told = with_torque_added(recordings, data, policy) if told is recordings else told
+    for with_what_was_not_said in (
+        with_torque_limit,
+        with_feedforward_late,
+        with_friction_fed,
+        with_torque_added,
+    ):
+        told = with_what_was_not_said(recordings, data, policy)
+        if told is not recordings:
+            break
     read = [as_read(recording, law) for recording in told]
     if any(one is not recording for one, recording in zip(read, recordings, strict=True)):
         recordings, data = read, _quiet(read, most, pace)

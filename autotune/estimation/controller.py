@@ -65,6 +65,7 @@ from autotune.recordings.held_rows import SET_POINTS_STAND
 from autotune.recordings.recording import OF_FILTER, Controller, Recording
 from autotune.signals.between_samples import between_moments
 from autotune.signals.filters import low_pass
+from autotune.signals.runs import runs_of
 from autotune.signals.triangle import less_run_means
 
 IMPORT_REFERENCE = "import it with one if there is: autotune data import FILE --column reference=FIELD"
@@ -339,10 +340,9 @@ def _free_of_clamps(data: Prepared, wanted: Floats, wanders: float) -> Floats:
         return wanted
     levelled = data.torque.copy()
     for stretch in data.stretches:
-        free = np.concatenate([[False], ~held[stretch.rows], [False]]).astype(np.int8)
-        for start, stop in (np.flatnonzero(np.diff(free)).reshape(-1, 2) + stretch.rows.start).tolist():
+        for start, stop in runs_of(~held[stretch.rows]):
             if (stop - start) * data.period * wanders >= 1.0:
-                rows = slice(start, stop)
+                rows = slice(stretch.rows.start + start, stretch.rows.start + stop)
                 off = data.torque[rows] - wanted[rows]
                 levelled[rows] = wanted[rows] + slower_in(off, wanders, data.period)
     return levelled
@@ -671,9 +671,8 @@ def _rows_left(samples: LoopSamples, out: Flags) -> tuple[slice, ...]:
     """The stretches without some rows, those of a second at least."""
     left = []
     for rows in samples.stretches:
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], out[rows], [True]]).astype(np.int8)))
-        pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-        left += [slice(rows.start + a, rows.start + b) for a, b in pairs if (b - a) * samples.period >= 1.0]
+        runs = runs_of(~out[rows])
+        left += [slice(rows.start + a, rows.start + b) for a, b in runs if (b - a) * samples.period >= 1.0]
     return tuple(left)
 
 

@@ -41,6 +41,7 @@ from autotune.signals.between_samples import (
     rate_between,
     row_means,
 )
+from autotune.signals.runs import runs_of
 from autotune.signals.triangle import Solved, reduced
 
 SHORTEST_RUN = 50  # samples between two clamps
@@ -585,8 +586,7 @@ def _regular(samples: LoopSamples, skipped: int) -> tuple[Flags, Integers]:
         free = ~samples.clamped[rows]
         free[: min(len(free) // 4, skipped)] = False
         free[-1] = False
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
-        for start, stop in (edges.reshape(-1, 2) + rows.start).tolist():
+        for start, stop in ((rows.start + a, rows.start + b) for a, b in runs_of(free)):
             if stop - start >= SHORTEST_RUN:
                 kept[start:stop] = True
                 pieces = max(1, int((stop - start) // longest))

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
 from autotune.monitoring.segments import breaks
+from autotune.signals.runs import white_noise
 
 LEAST_POINTS = 6
 SURE = 5.5
@@ -125,9 +126,8 @@ def _scatter(y: Floats) -> float:
     """Standard deviation of a single point from second differences, robust; few points tell it badly."""
     if len(y) < 4:
         return LEAST_SCATTER
-    bends = np.abs(np.diff(y, 2))
     caution = 1.0 + FEW / len(y)
-    return max(caution * float(np.median(bends)) / (0.6745 * math.sqrt(6.0)), LEAST_SCATTER)
+    return max(caution * white_noise(y), LEAST_SCATTER)
 
 
 def _first_coefficient(y: Floats, temperature: Floats | None) -> float:

@@ -6,7 +6,6 @@ passes has finite numbers, increasing time and enough rows that move.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,7 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.recordings.limits import refuse_time
 from autotune.recordings.recording import Recording
+from autotune.signals.runs import runs_of, white_noise
 
 LEAST_SECONDS = 0.5
 LEAST_ROWS = 200
@@ -30,11 +30,9 @@ SWING_SECONDS = 1.0
 """Of the windows in which a swing is looked for."""
 _FLAT_TOP = 5
 _LEAST_TOPS = 3
+"""Visits to the extreme: one or two may be a plateau that was commanded."""
 WITHIN = 3.0
 """Standard deviations of its noise by which a torque is off the level that it is cut off at, on either side."""
-NORMAL_QUARTILE = 0.6745
-"""Standard deviations to the upper quartile of the normal distribution."""
-"""Visits to the extreme: one or two may be a plateau that was commanded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,16 +104,13 @@ def at_limit(torque: Floats, limit: float | None) -> Clipping:
 def noisy_limit(torque: Floats) -> float | None:
     """Where a measured torque, shape (n,), may be cut off as its noise lets one see, by its lower edge; else None.
 
-    There it scatters about one level, and no value comes again. Its noise is told by second differences, of which the
-    motion has next to nothing. A torque that only comes so far looks alike: this is to be asked, and not believed.
+    There it scatters about one level, and no value comes again. A torque that only comes so far looks alike: this is to
+    be asked, and not believed.
     """
-    bent = np.diff(torque, 2)
-    noise = float(np.median(np.abs(bent - np.median(bent)))) / (NORMAL_QUARTILE * math.sqrt(6.0))
-    size = np.abs(torque)
+    noise, size = white_noise(torque), np.abs(torque)
     near = size[size >= float(np.max(size)) - 2.0 * WITHIN * noise]
     limit = float(np.median(near)) - WITHIN * noise
-    tops = np.count_nonzero(np.diff((size >= limit).astype(np.int8)) > 0)
-    return limit if noise > 0.0 and limit > 0.0 and tops > 1 else None
+    return limit if noise > 0.0 and limit > 0.0 and len(runs_of(size >= limit)) > 1 else None
 
 
 def refuse_clipping(recording: Recording) -> Clipping:
@@ -180,8 +175,7 @@ def _instead(recording: Recording) -> str:
 
 def _cut_off(torque: Floats, at_peak: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Rows of flat tops, where enough of them cut off a torque that was moving: shape (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], at_peak, [False]]).astype(np.int8)))
-    tops = [(start, stop) for start, stop in edges.reshape(-1, 2) if stop - start >= _FLAT_TOP]
+    tops = [(start, stop) for start, stop in runs_of(at_peak) if stop - start >= _FLAT_TOP]
     rows = np.zeros(len(at_peak), dtype=np.bool_)
     if sum(_moving(torque[max(a - 2, 0) : a]) or _moving(torque[b : b + 2]) for a, b in tops) >= _LEAST_TOPS:
         for start, stop in tops:

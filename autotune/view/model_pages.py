@@ -18,6 +18,7 @@ from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import DriveModel
 from autotune.models.drive_model import staircase as stairs_of
 from autotune.models.table import effect_kind
+from autotune.signals.runs import runs_of
 from autotune.view.data import Comparison, Rank, Residual, Step
 from autotune.view.figures import measured_and_model, ranking, residual_over_coordinate, staircase
 from autotune.view.model_tables import (
@@ -190,8 +191,7 @@ def _over_time(data: Prepared, error: Floats, weight: Floats, unit: str, floor: 
 
 def left_out(time: Floats, out: Flags) -> tuple[tuple[float, float], ...]:
     """Stretches of time that were left out, neighbours joined."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(np.int8), [0]])))
-    return tuple((float(time[a]), float(time[b - 1])) for a, b in edges.reshape(-1, 2))
+    return tuple((float(time[a]), float(time[b - 1])) for a, b in runs_of(out))
 
 
 def _over_coordinates(
