@@ -133,28 +133,27 @@ def test_systemd_gets_a_service_that_is_ready_alive_and_ends_politely(machine: M
     settings = unit(machine)
     assert settings["Type"] == "notify"
     assert settings["WorkingDirectory"] == f"{machine.root}/var/lib/autotune"
-    channel = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    channel.settimeout(PATIENCE)
-    channel.bind(str(machine.root / "notify"))
-    variables = dict(pair.split("=", 1) for pair in shlex.split(settings["Environment"]))
-    process = machine.start(
-        shlex.split(settings["ExecStart"]), NOTIFY_SOCKET=str(machine.root / "notify"), JOURNAL_STREAM="8:1",
-        **variables,
-    )  # fmt: skip
-    address = machine.address_of(process)
-    heard = [channel.recv(4096).decode() for _ in range(3)]
-    assert heard[0].startswith("READY=1")
-    assert "WATCHDOG=1" in heard
-    assert healthy(address)
-    reload = settings["ExecReload"].replace("$MAINPID", str(process.pid))
-    assert subprocess.run(shlex.split(reload), check=False).returncode == 0
-    wait_for(lambda: "RELOADING=1" in channel.recv(4096).decode())
-    wait_for(lambda: "READY=1" in channel.recv(4096).decode())
-    process.send_signal(signal.SIGTERM)
-    assert process.wait(PATIENCE) == 0
-    channel.settimeout(1.0)
-    wait_for(lambda: "STOPPING=1" in channel.recv(4096).decode())
-    channel.close()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
+        channel.settimeout(PATIENCE)
+        channel.bind(str(machine.root / "notify"))
+        variables = dict(pair.split("=", 1) for pair in shlex.split(settings["Environment"]))
+        process = machine.start(
+            shlex.split(settings["ExecStart"]), NOTIFY_SOCKET=str(machine.root / "notify"), JOURNAL_STREAM="8:1",
+            **variables,
+        )  # fmt: skip
+        address = machine.address_of(process)
+        heard = [channel.recv(4096).decode() for _ in range(3)]
+        assert heard[0].startswith("READY=1")
+        assert "WATCHDOG=1" in heard
+        assert healthy(address)
+        reload = settings["ExecReload"].replace("$MAINPID", str(process.pid))
+        assert subprocess.run(shlex.split(reload), check=False).returncode == 0
+        wait_for(lambda: "RELOADING=1" in channel.recv(4096).decode())
+        wait_for(lambda: "READY=1" in channel.recv(4096).decode())
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE) == 0
+        channel.settimeout(1.0)
+        wait_for(lambda: "STOPPING=1" in channel.recv(4096).decode())
     assert "<6>axes: simulated" in (machine.root / "log").read_text()
     assert (machine.root / "var/lib/autotune/runs/.service/history.sqlite").is_file()
 

@@ -78,25 +78,24 @@ def test_a_client_that_never_reads_its_events_is_cut_and_delays_nobody(
     address: tuple[World, str, int],
 ) -> None:
     here, host, port = address
-    lazy = socket.socket()
-    lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    lazy.connect((host, port))
-    lazy.sendall(b"GET /api/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
-    wait_for(lambda: here.manager.feed.count == 1)
-    longest = 0.0
+    with socket.socket() as lazy:
+        lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        lazy.connect((host, port))
+        lazy.sendall(b"GET /api/events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        wait_for(lambda: here.manager.feed.count == 1)
+        longest = 0.0
 
-    def told_and_read() -> bool:
-        nonlocal longest
-        for _ in range(50):
-            here.manager.feed.tell({"event": "say", "sentence": "x" * 4000})
-        began = time.monotonic()
-        get(host, port, "/healthz")
-        longest = max(longest, time.monotonic() - began)
-        return bool(here.manager.feed.count == 0)
+        def told_and_read() -> bool:
+            nonlocal longest
+            for _ in range(50):
+                here.manager.feed.tell({"event": "say", "sentence": "x" * 4000})
+            began = time.monotonic()
+            get(host, port, "/healthz")
+            longest = max(longest, time.monotonic() - began)
+            return bool(here.manager.feed.count == 0)
 
-    wait_for(told_and_read)
-    assert longest < 10.0
-    lazy.close()
+        wait_for(told_and_read)
+        assert longest < 10.0
 
 
 def test_one_that_connects_and_says_nothing_is_cut(address: tuple[World, str, int]) -> None:
