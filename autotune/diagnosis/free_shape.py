@@ -317,13 +317,15 @@ def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:
 
     There it is another effect: contacts that age within a tenth of a second are friction that falls with speed, and
     friction that the load presses and that falls with itself is a motor that saturates. So it is too where a bound
-    away from nothing is met and the data do not tell the parameter from nothing.
+    away from nothing is met and the data do not tell the parameter from nothing. A course in the place of its law is at
+    no bound of that.
     """
     if len(model_fit.effects) != 1:
         return False
-    fitted, weight = model_fit.fitted, problem.training
-    parameters = EFFECTS[model_fit.effects[0]].parameters
-    own = {one.slot for one in parameters if not (one.optional or one.whole)}
+    fitted, weight, kind = model_fit.fitted, problem.training, EFFECTS[model_fit.effects[0]]
+    own = {one.slot for one in kind.parameters if not (one.optional or one.whole)}
+    if kind.own_size and fitted.packed.p[kind.slot(kind.own_size)] == 0.0:
+        own.discard(kind.slot(kind.own_size))
     for i, one in enumerate(fitted.free):
         value, near = fitted.packed.p[one.slot], NEAR_AN_EDGE * one.scale
         at = int(value - one.lower <= near) - int(one.upper - value <= near)

@@ -150,6 +150,10 @@ class Context:
         return min(self.problem.data.metadata.torque_limit or largest, largest)
 
     @property
+    def high_torque(self) -> float:
+        return min(float(np.quantile(np.abs(self.problem.data.torque), 0.95)), self.largest_torque)
+
+    @property
     def resolution(self) -> float:
         return self.problem.data.resolution
 

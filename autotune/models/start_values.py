@@ -110,6 +110,11 @@ class StartContext(Protocol):
         ...
 
     @property
+    def high_torque(self) -> float:
+        """Torque that a twentieth of the rows exceed, no more than the largest [N m]."""
+        ...
+
+    @property
     def resolution(self) -> float:
         """One count of the encoder [motion unit]."""
         ...

@@ -30,6 +30,9 @@ KNEES = 4
 MOST = 0.6
 """Of the largest torque that was recorded: the most that a fit lets be lost there. With more, and a sudden limit,
 nearly all demands would give the same torque, which is the sign of the velocity: that fits any axis."""
+RARE, AT_HIGH = 0.6, 0.2
+"""Of the largest torque: where a twentieth of the rows ask for no more than that, the others are bursts, and a loss
+at what those rows ask for is one that the bursts hardly bear out as it begins: it starts as large as that there."""
 PLACES = (0.15, 0.3, 0.5, 0.75)
 """Of the largest demand that was recorded: where they begin; each moves as far as half-way to the next."""
 
@@ -82,6 +85,11 @@ def starts(c: StartContext) -> Iterator[StartValues]:
                 "torque": c.largest_torque,
                 "exponent": exponent,
             },
+            {"loss": Vary(0.2, 0.3, upper=MOST), "exponent": Vary(2.0, 2.0)},
+        )
+    if c.high_torque < RARE * c.largest_torque:
+        yield StartValues(
+            {"loss": AT_HIGH, "torque": c.high_torque, "exponent": 2.0},
             {"loss": Vary(0.2, 0.3, upper=MOST), "exponent": Vary(2.0, 2.0)},
         )
 

@@ -35,7 +35,7 @@ def context(left: float = 0.01) -> StartContext:
     """An axis that turned three times, with two orders left in its residual."""
     known: dict[str, Any] = {
         "p": base_model(NUMBERS).pack().p, "coulomb": 0.3, "left": left, "reach": 5e-3, "angle": 1.0, "torque": 0.5,
-        "speed": 5.0, "travel": 20.0, "mean_speed": 2.0, "largest_torque": 1.3, "resolution": 1e-4, "period": 1e-3,
+        "speed": 5.0, "travel": 20.0, "mean_speed": 2.0, "largest_torque": 1.3, "high_torque": 1.0, "resolution": 1e-4, "period": 1e-3,
         "cutoff": 60.0, "constant_speeds": False, "position": lambda: np.linspace(0.0, 20.0, 50), "thinned": _Rows,
         "sensitivity": lambda name: np.ones(50), "orders_in_residual": lambda most: [4.0, 12.0][:most],
     }  # fmt: skip
