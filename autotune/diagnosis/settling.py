@@ -51,7 +51,7 @@ from autotune.diagnosis.transmission import (
 from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, fit_inside_twin
 from autotune.estimation.model_error import told_beside
 from autotune.models.spring import SPRING
-from autotune.models.table import EFFECTS
+from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_lag import IS_LATE
 from autotune.models.transmission import has_load
 
@@ -326,7 +326,7 @@ def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
     best = state.shaped(chosen) or chosen
     if state.chosen is not None:
         return _others_freed(state, best)
-    for item in [one for one in state.tried if _contends(state, chosen, one)]:
+    for item in [one for one in state.tried if _contends(state, chosen, one, best is not chosen)]:
         shaped = state.shaped(item)
         if shaped is None or state.evidence.only_at_rests(state.problem, state.root, shaped):
             continue
@@ -421,11 +421,14 @@ def _first_exchanged(state: SearchState, chosen: FittedCandidate) -> FittedCandi
     return chosen
 
 
-def _contends(state: SearchState, chosen: FittedCandidate, item: FittedCandidate) -> bool:
+def _contends(
+    state: SearchState, chosen: FittedCandidate, item: FittedCandidate, another_law: bool = False
+) -> bool:
     """Whether another effect came near the chosen one by its own law.
 
     Where that can be named so, only one that can be too, and errs no more: an element of memory that hardly slides
-    is a spring. A spring's free course comes near to any weight over a part of a turn: where the weight leaves nothing
+    is a spring. If the chosen one does better by `another_law`, its look-alikes may as well: friction that the load
+    presses, by the root of squares, was a motor that saturates by a course of its own. A spring's free course comes near to any weight over a part of a turn: where the weight leaves nothing
     beyond doubt, that says nothing of it (`spring_as_well`).
     """
     policy = state.problem.policy
@@ -434,6 +437,8 @@ def _contends(state: SearchState, chosen: FittedCandidate, item: FittedCandidate
     certain = chosen.training.certain or (chosen.veto is not None and chosen.veto.certain)
     if item.effect == SPRING.name and not certain and without_own_course(state.problem, chosen.model_fit):
         return False
+    if another_law and item.effect in usual_rivals(chosen.effect):
+        return item.share >= policy.partly
     if not chosen.named:
         return item.gain >= policy.rival_gain * chosen.gain and item.share >= policy.partly
     return item.named and state.evidence.comes_near(state.problem, state.root, chosen, item)
