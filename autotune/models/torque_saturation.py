@@ -30,9 +30,11 @@ KNEES = 4
 MOST = 0.6
 """Of the largest torque that was recorded: the most that a fit lets be lost there. With more, and a sudden limit,
 nearly all demands would give the same torque, which is the sign of the velocity: that fits any axis."""
-RARE, AT_HIGH = 0.6, 0.2
-"""Of the largest torque: where a twentieth of the rows ask for no more than that, the others are bursts, and a loss
-at what those rows ask for is one that the bursts hardly bear out as it begins: it starts as large as that there."""
+RARE = 0.6
+"""Of the largest torque: where no more than a twentieth of the rows ask for more than that, those rows are bursts."""
+BEGUN, MOST_USUAL = 0.2, 0.4
+"""Of the torque that a twentieth of the rows exceed: the loss there, as it begins where more is asked for in bursts,
+and at most. A small loss at the bursts raises the error; a limit among usual demands fits any axis."""
 PLACES = (0.15, 0.3, 0.5, 0.75)
 """Of the largest demand that was recorded: where they begin; each moves as far as half-way to the next."""
 
@@ -89,8 +91,8 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         )
     if c.high_torque < RARE * c.largest_torque:
         yield StartValues(
-            {"loss": AT_HIGH, "torque": c.high_torque, "exponent": 2.0},
-            {"loss": Vary(0.2, 0.3, upper=MOST), "exponent": Vary(2.0, 2.0)},
+            {"loss": BEGUN, "torque": c.high_torque, "exponent": 2.0},
+            {"loss": Vary(0.2, 0.3, upper=MOST_USUAL), "exponent": Vary(2.0, 2.0)},
         )
 
 

@@ -726,3 +726,19 @@ def test_a_second_effect_is_needed_only_beside_a_first_with_a_course_as_free(
     both = fit((kind.name, spring.name), layout.INERTIA, *own, spring.slot("compliance"))
     alone = fit((kind.name,), layout.INERTIA, *(kind.slot(name) for name in course))
     assert backward.as_free(alone, both) == free
+
+
+@pytest.mark.parametrize(("loss", "edge"), [(0.0, False), (1e-4, True)], ids=["a course", "its law"])
+def test_a_course_in_the_place_of_a_law_is_at_no_edge_of_it(loss: float, edge: bool) -> None:
+    """Knees alone bend a motor's torque: that the data would take a loss that is not there below nothing says nothing.
+
+    Motors that saturate suddenly, behind a cascade and a drive's PID, had all their look-alikes beside them so."""
+    kind = EFFECTS["torque_saturation"]
+    packed = base_model(NOMINAL).with_effect(kind.make({"loss": loss, "torque": 1.0}))
+    free = (varying(kind, "loss", Vary(0.2)),)
+    random = np.random.default_rng(3)
+    column = random.normal(size=(6000, 1))
+    error = random.normal(size=6000) + 0.2 * column[:, 0]
+    fitted = SimpleNamespace(packed=packed.pack(), free=free, jacobian=column, error=error, scales=[0.2])
+    problem = SimpleNamespace(policy=POLICY, training=np.ones(6000))
+    assert at_an_edge(problem, SimpleNamespace(effects=(kind.name,), fitted=fitted)) == edge

@@ -148,3 +148,31 @@ def test_of_two_transmissions_without_a_name_the_other_is_led_as_far(
     assert settling._or_other_transmission(state, best) is (other if taken else best)
     asked = taken or led == 0.25
     assert state.tried == [best, other if asked else rival]
+
+
+@pytest.mark.parametrize(
+    ("effect", "another_law", "contends"),
+    [
+        ("load_dependent_friction", True, True),
+        ("load_dependent_friction", False, False),
+        ("thermal_drift", True, False),
+    ],
+    ids=["a look-alike", "its own law is enough", "no look-alike"],
+)
+def test_a_look_alike_has_its_course_free_where_the_chosen_effect_has(
+    effect: str, another_law: bool, contends: bool
+) -> None:
+    """Friction that the load presses by a root of squares explained 94 % by the library's law, and a motor 96 % by its
+    own: by their courses 99.5 and 98 % (development single 70014)."""
+    state = SimpleNamespace(
+        policy=POLICY,
+        problem=SimpleNamespace(policy=POLICY),
+        root=None,
+        evidence=SimpleNamespace(comes_near=lambda *_: False),
+    )
+    certain = SimpleNamespace(certain=False)
+    chosen = SimpleNamespace(
+        effect="torque_saturation", named=True, gain=0.9, share=0.96, training=certain, veto=None
+    )
+    item = SimpleNamespace(effect=effect, named=False, gain=0.8, share=0.94)
+    assert settling._contends(state, chosen, item, another_law) is contends

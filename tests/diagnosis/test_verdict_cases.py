@@ -514,6 +514,23 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
     assert set(facts._untold(Facts(*known, **signs))) == rivals
 
 
+def test_a_gain_that_experiments_held_out_cannot_tell_is_no_measure_for_look_alikes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a motor that saturates in the fastest experiment hold-outs tell nothing: what gains nothing is no rival."""
+    monkeypatch.setattr(facts, "like_a_spring", lambda *_: False)
+    monkeypatch.setattr(facts, "like_a_motor", lambda *_: False)
+    monkeypatch.setattr(facts, "own_course", lambda *_: True)
+    fit = SimpleNamespace(effects=("torque_saturation",))
+    chosen = SimpleNamespace(effect="torque_saturation", gain=-0.4, model_fit=fit)
+    gains = dict.fromkeys(EFFECTS, -0.001) | {"torque_saturation": -0.6, "load_dependent_friction": 0.3}
+    first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]
+    data = SimpleNamespace(starts=(0,), metadata=SimpleNamespace(motion_unit="rad"))
+    problem = SimpleNamespace(policy=POLICY, data=data, candidates=())
+    known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
+    assert facts._untold(Facts(*known, edge=True)) == ("load_dependent_friction",)
+
+
 @pytest.mark.parametrize(
     ("as_well", "gains", "rivals"),
     [
