@@ -21,7 +21,6 @@ from autotune.diagnosis.evidence.evidence import MOST_UNEXPLAINED
 from autotune.diagnosis.evidence.torque_path import SURE
 from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.fitting import fit_model, loose
-from autotune.estimation.controller_law import EVE, MOMENT
 from autotune.estimation.model_error import CLEARLY_LESS
 from autotune.estimation.policy import POLICY
 from autotune.identify.dahl import Complexity, judge_complexity
@@ -66,6 +65,8 @@ NO_END = (
 )
 TOO_SLOW = "not identified: the samples are too slow for the torque; record faster, or move more gently"
 USUAL_PRECISION = {"rad": 1e-3, "m": 1e-5}
+BEYOND_NOISE = 0.25
+"""Of the noise's mean square: what is left beyond it from which on the search is asked whether it leaves half."""
 
 
 def fit_recordings(
@@ -237,38 +238,60 @@ def _behind_the_chain(
 ) -> tuple[FitResult, Compared | None]:
     """The fit and how its model compares, with the torque as late as it acts, where that leaves less or must be so.
 
-    A fit of all motion together takes the torque as it was recorded: behind an ordinary current loop, or a reading
-    that is late, viscosity, friction and damping make up for the delay. The search has it as a nuisance. It fits
-    nothing beside the model: where the first fit did, that stays. Of a record that is late the first fit was made in a
-    loop that is none of the axis's: what it leaves less is no merit.
+    A fit of all motion together takes the torque as it was recorded, and its loop as one of the rows: behind an
+    ordinary current loop, a reading that is late, or a drive that works between the rows, viscosity, friction and
+    damping make up for what it does not know. The search has it as a nuisance. It fits nothing beside the model: where
+    the first fit did, that stays. Of a record that is late the first fit was made in a loop that is none of the axis's:
+    what it leaves less is no merit.
 
-    Nor has it what a torque that is read at a moment is off by, as where set points on lines turn at the rows and
-    their rate is fed forward: inertia takes that. What leaves half as much there is no missing effect's part.
+    Where nothing is late the search must leave half of what the first fit leaves beyond noise: no missing effect's part
+    falls so, whose share in the parameters differs little between the two.
     """
-    compared = None if result.model is None else compared_or_none(recordings, result.model)
-    if compared is None or result.method != "twin" or _beside(result):
+    first = result.model
+    compared = None if first is None else compared_or_none(recordings, first)
+    if first is None or compared is None or result.method != "twin" or _beside(result):
         return result, compared
     data = compared.problem.data
     late = data.lag > SURE * data.lag_error or data.late != 0.0 or data.cycles > 0
-    at_moment = not late and _turns_at_rows(compared)
-    if not (compared.late_record or (compared.twin and data.repeated and (late or at_moment))):
+    told = compared.late_record or (
+        compared.twin and data.repeated and (late or _beyond_noise(compared) > 0.0)
+    )
+    if not told:
         return result, compared
     other = _by_search(whole, effects, (), progress)
     its = None if other.model is None else compared_or_none(recordings, other.model)
-    most = POLICY.partly**-0.5 if compared.late_record else POLICY.partly if at_moment else CLEARLY_LESS
-    if its is None or not other.valid or its.error_rms > most * compared.error_rms:
+    if its is None or not other.valid or not _leaves_less(its, compared, late):
         return result, compared
-    return other, its
+    return _as_sure_of_inertia(other, first), its
 
 
-def _turns_at_rows(compared: Compared) -> bool:
-    """Whether the torque is that of the rows' moments of a drive whose fed rate turns there, and more than noise is
-    left to half."""
-    law = compared.problem.controller
-    if law is None or compared.noise_floor_rms > POLICY.partly * compared.error_rms:
-        return False
-    fed = law.reference_rate != 0.0 or law.velocity_feedforward != 0.0
-    return law.within and not law.smooth and law.taken in (MOMENT, EVE) and fed
+def _as_sure_of_inertia(found: FitResult, first: DriveModel) -> FitResult:
+    """The search's fit with an inertia that is no surer than by how much the first fit's differs.
+
+    Rows in step with a drive's loop show a torque that is not the mean of the row's, and what that does to the inertia
+    (3 % of it, at 30 standard errors) differs between torques as they were read and as a law asks for them.
+    """
+    model = found.model
+    if model is None or (told := model.parameters["inertia"].standard_error) is None:
+        return found
+    error = max(told, abs(model["inertia"] - first["inertia"]))
+    return replace(found, model=model.with_values({"inertia": model["inertia"]}, {"inertia": error}))
+
+
+def _leaves_less(its: Compared, first: Compared, late: bool) -> bool:
+    """Whether the search's model leaves so much less than the first fit's that it is the axis's."""
+    if first.late_record:
+        return bool(its.error_rms <= POLICY.partly**-0.5 * first.error_rms)
+    if late:
+        return its.error_rms <= CLEARLY_LESS * first.error_rms
+    return its.error_rms**2 - first.noise_floor_rms**2 <= POLICY.partly * _beyond_noise(first)
+
+
+def _beyond_noise(compared: Compared) -> float:
+    """Mean square of what a model leaves beyond noise [(N m)²]; 0 where that is not clear."""
+    noise = compared.noise_floor_rms**2
+    left = compared.error_rms**2 - noise
+    return left if left > BEYOND_NOISE * noise else 0.0
 
 
 def _beside(result: FitResult) -> bool:
