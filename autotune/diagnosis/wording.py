@@ -14,6 +14,7 @@ from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.evidence.torque_path import CYCLES
+from autotune.diagnosis.free_shape import any_course
 from autotune.diagnosis.refits import needed_share
 from autotune.estimation.alignment import CURRENT_LOOP
 from autotune.estimation.bias_corrected_fit import ModelFit
@@ -29,6 +30,10 @@ from autotune.models.table import EFFECTS, looking_alike, usual_rivals
 from autotune.recordings.recording import Metadata
 
 NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
+ANY_COURSE = (
+    "over so little travel it comes near to any smooth course of the place, and a free function of the place explains "
+    "what it leaves"
+)
 CONFIRMED, SUSPECTED = "confirmed", "suspected"
 WORST_GAIN = -1.0
 """Shown of a candidate that is worse than nothing: how much worse an extrapolation is says nothing."""
@@ -341,7 +346,7 @@ def _short_of_a_name(
     if not evidence.in_sight(problem, root, fit.model_fit):
         least = problem.policy.structure_part
         return f"of no experiment as much as {100 * least:.0f} % of what repeats do not share"
-    return "not beyond doubt"
+    return ANY_COURSE if any_course(problem, root, fit.model_fit) else "not beyond doubt"
 
 
 def why(

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from autotune.core.errors import ConfigurationError, a_few
+from autotune.diagnosis import wording
 from autotune.diagnosis.wording import (
     MOST_NAMES,
     PROGRAMME,
@@ -295,3 +296,19 @@ def test_what_is_left_beside_a_name_is_said_where_it_is_as_much_as_the_noise(lef
     text = left_note(problem, model_fit)
     assert said in text
     assert bool(text) == bool(said)
+
+
+@pytest.mark.parametrize("anything", [True, False])
+def test_a_course_of_the_place_over_too_little_travel_is_told_for_that(
+    monkeypatch: pytest.MonkeyPatch, anything: bool
+) -> None:
+    """A weight that explained 97 % over two thirds of a turn was "not beyond doubt", without a word on the doubt."""
+    monkeypatch.setattr(wording, "any_course", lambda *_: anything)
+    monkeypatch.setattr(wording, "needed_share", lambda *_: 0.9)
+    evidence: Any = SimpleNamespace(repeats=True, in_sight=lambda *_: True)
+    problem: Any = SimpleNamespace(policy=POLICY)
+    root: Any = None
+    fit: Any = SimpleNamespace(share=0.97, model_fit=None)
+    text = wording._short_of_a_name(problem, evidence, root, fit, ())
+    assert ("smooth course of the place" in text) == anything
+    assert anything or text == "not beyond doubt"
