@@ -15,6 +15,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 import time
 from collections import defaultdict
 from collections.abc import Iterator
@@ -23,6 +24,7 @@ from pathlib import Path
 
 import pytest
 from _pytest.runner import runtestprotocol
+from _pytest.unraisableexception import unraisable_exceptions
 from hypothesis import settings
 
 from autotune.core.garbage import seldom_collected
@@ -64,6 +66,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         if stood < STOOD_STILL:
             break
         item.session._setupstate.teardown_exact(None)
+        _swept(item.config)
         failed[0].outcome = RUN_AGAIN  # type: ignore[assignment]
         failed[0].user_properties.append((RUN_AGAIN, stood))
         item.ihook.pytest_runtest_logreport(report=failed[0])
@@ -71,6 +74,14 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     return True
+
+
+def _swept(config: pytest.Config) -> None:
+    """What a try that is run again has left open goes with it: found later, it is told as another test's failure."""
+    for name in ("last_type", "last_value", "last_traceback", "last_exc"):
+        vars(sys).pop(name, None)
+    gc.collect()
+    config.stash[unraisable_exceptions].clear()
 
 
 def pytest_report_teststatus(report: pytest.CollectReport | pytest.TestReport) -> tuple[str, str, str] | None:

@@ -32,10 +32,29 @@ STAND_STILL = (
 )
 
 
-def outcome(tmp_path: Path, failures: int, stand_still: str) -> str:
+LEFT_OPEN = """
+import gc
+
+class Wire:
+    def __del__(self):
+        raise OSError("not properly shut down")
+
+def test_that_leaves_a_wire_open(times):
+    if times == 1:
+        wire = Wire()
+        wire.reader = wire
+        {stand_still}
+        raise ValueError("the drive's guard")
+
+def test_of_something_else():
+    gc.collect()
+"""
+
+
+def outcome(tmp_path: Path, failures: int, stand_still: str, more: str = "") -> str:
     """The last line of pytest's output."""
     file = tmp_path / "test_of_a_wire.py"
-    file.write_text(TESTS.format(failures=failures, stand_still=stand_still))
+    file.write_text(TESTS.format(failures=failures, stand_still=stand_still) + more)
     command = [sys.executable, "-m", "pytest", "-p", "tests.conftest", "-c", "pyproject.toml", str(file)]
     told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout
     return told.splitlines()[-1]
@@ -55,3 +74,10 @@ def test_only_what_stood_still_is_run_again(
     tmp_path: Path, failures: int, stand_still: str, told: str
 ) -> None:
     assert outcome(tmp_path, failures, stand_still).startswith(told)
+
+
+@pytest.mark.slow
+def test_what_such_a_test_left_open_is_no_other_tests_failure(tmp_path: Path) -> None:
+    """A bus whose test was run again was collected in the next one, and failed that."""
+    more = LEFT_OPEN.format(stand_still=STAND_STILL)
+    assert outcome(tmp_path, 0, "pass", more).startswith("3 passed, 1 run again")
