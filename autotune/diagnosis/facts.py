@@ -513,9 +513,8 @@ def _untold(facts: Facts, told_apart: Sequence[str] = (), behind: Sequence[str] 
     if not (else_as_well or facts.unlike or not own_course(problem, chosen.model_fit, chosen.effect)):
         return ()
     gains = {item.effect: item.gain for item in facts.first}
-    gained = max(
-        gains.get(chosen.effect, chosen.gain), chosen.gain
-    )  # what only one experiment shows gains nothing
+    # what only one experiment shows gains nothing while that is held out
+    gained = max(gains.get(chosen.effect, chosen.gain), chosen.gain)
     least = max(problem.policy.rival_gain * gained, problem.policy.least_gain)
     unit = problem.data.metadata.motion_unit
     alike_to = [*usual_rivals(chosen.effect), *((PULL.name, *usual_rivals(PULL.name)) if spring else ())]

@@ -253,10 +253,10 @@ def _behind_the_chain(
         return result, compared
     data = compared.problem.data
     late = data.lag > SURE * data.lag_error or data.late != 0.0 or data.cycles > 0
-    told = compared.late_record or (
+    in_doubt = compared.late_record or (
         compared.twin and data.repeated and (late or _beyond_noise(compared) > 0.0)
     )
-    if not told:
+    if not in_doubt:
         return result, compared
     other = _by_search(whole, effects, (), progress)
     its = None if other.model is None else compared_or_none(recordings, other.model)

@@ -30,11 +30,11 @@ from autotune.models.table import EFFECTS, looking_alike, usual_rivals
 from autotune.recordings.recording import Metadata
 
 NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
+CONFIRMED, SUSPECTED = "confirmed", "suspected"
 ANY_COURSE = (
     "over so little travel it comes near to any smooth course of the place, and a free function of the place explains "
     "what it leaves"
 )
-CONFIRMED, SUSPECTED = "confirmed", "suspected"
 WORST_GAIN = -1.0
 """Shown of a candidate that is worse than nothing: how much worse an extrapolation is says nothing."""
 WORTH_TELLING = 0.25

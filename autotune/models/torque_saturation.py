@@ -79,21 +79,23 @@ def torque_slope(p: Floats, on: Flags, demand: Floats) -> Floats | float:
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """A small and a large loss at the largest torque that was recorded, with and without a knee."""
-    for loss, exponent in ((0.05, 2.0), (0.05, 5.0), (0.35, 5.0)):
-        yield StartValues(
-            {
-                "loss": loss if loss > 0.1 else at_first(loss, c.left / c.torque),
-                "torque": c.largest_torque,
-                "exponent": exponent,
-            },
-            {"loss": Vary(0.2, 0.3, upper=MOST), "exponent": Vary(2.0, 2.0)},
-        )
-    if c.high_torque < RARE * c.largest_torque:
-        yield StartValues(
-            {"loss": BEGUN, "torque": c.high_torque, "exponent": 2.0},
-            {"loss": Vary(0.2, 0.3, upper=MOST_USUAL), "exponent": Vary(2.0, 2.0)},
-        )
+    """A small and a large loss at the largest torque that was recorded, with and without a knee.
+
+    Where that was asked for in bursts only, a loss at what other rows ask for, too.
+    """
+    largest, high, small = c.largest_torque, c.high_torque, at_first(0.05, c.left / c.torque)
+    for loss, exponent in ((small, 2.0), (small, 5.0), (0.35, 5.0)):
+        yield _start(loss, largest, exponent, MOST)
+    if high < RARE * largest:
+        yield _start(BEGUN, high, 2.0, MOST_USUAL)
+
+
+def _start(loss: float, torque: float, exponent: float, most: float) -> StartValues:
+    """So much of a torque lost, and at most."""
+    return StartValues(
+        {"loss": loss, "torque": torque, "exponent": exponent},
+        {"loss": Vary(0.2, 0.3, upper=most), "exponent": Vary(2.0, 2.0)},
+    )
 
 
 def free_shape(c: StartContext) -> StartValues:

@@ -165,7 +165,6 @@ def test_a_look_alike_has_its_course_free_where_the_chosen_effect_has(
     """Friction that the load presses by a root of squares explained 94 % by the library's law, and a motor 96 % by its
     own: by their courses 99.5 and 98 % (development single 70014)."""
     state = SimpleNamespace(
-        policy=POLICY,
         problem=SimpleNamespace(policy=POLICY),
         root=None,
         evidence=SimpleNamespace(comes_near=lambda *_: False),
