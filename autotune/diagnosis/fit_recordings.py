@@ -97,7 +97,7 @@ def fit_recordings(
     model = result.model
     if model is None:
         return replace(result, notes=(*questions, *result.notes), questions=tuple(questions))
-    result = _with_units_judged(result, model, whole)
+    result = _with_intervals(_with_units_judged(result, model, whole), model)
     rows = sum(len(part) for part in recordings)
     if len(whole) < rows:
         said = f"of {rows} rows {len(whole)} were fitted, in stretches spread evenly: more would tell little more"
@@ -118,6 +118,17 @@ def _with_units_judged(result: FitResult, model: DriveModel, whole: Recording) -
         return result
     reason = f"this is no axis: {impossible}"
     return replace(result, estimate=replace(result.estimate, valid=False, reason=reason))
+
+
+def _with_intervals(result: FitResult, model: DriveModel) -> FitResult:
+    """The fit with the intervals that the model's standard errors make, of parameters that have none yet."""
+    known = {
+        name: Quantity(value.value, value.standard_error)
+        for name, value in model.parameters.items()
+        if value.standard_error is not None and name not in result.not_identified
+    }
+    parameters = {**known, **result.estimate.parameters}
+    return replace(result, estimate=replace(result.estimate, parameters=parameters))
 
 
 def _complexity(result: FitResult, precision: float | None, whole: Recording) -> Complexity | None:

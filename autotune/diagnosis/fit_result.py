@@ -31,7 +31,7 @@ class FitResult:
 
     Attributes:
         method: `programme`, `twin`, `speed_curve` or `search`.
-        estimate: by surface name, with intervals; empty parameters where only the model has numbers.
+        estimate: by surface name, with intervals where they are known.
         error_rms: of the model on the recordings, as `compare` finds it; the estimate's relative error is that too.
         refinement_relative_error: of the refinement alone: the rows that it fitted, in its own bands.
         unseen: error on what the fit has not seen; None where unknown.

@@ -88,6 +88,9 @@ def test_drag_that_makes_coulomb_friction_come_out_below_zero_is_left_to_the_sea
     assert "below zero" in found.reason
     assert "coulomb" in found.not_identified
     assert found.model["inertia"] == pytest.approx(3e-3, rel=0.1)
+    low, high = found.to_json()["intervals"]["inertia"]
+    assert low < found.model["inertia"] < high
+    assert "coulomb" not in found.to_json()["intervals"]
     assert "nonlinear_viscous" in autotune.diagnose([recording], found.model).effects
 
 
