@@ -249,14 +249,17 @@ def _or_asked(
 
     Repeats tell what is no noise. What drowned the ticks of its loop is gone then, and what drowned which law it is:
     both are told again. Where that was a law by chance, what it asks for may be no torque that any motor gave; so the
-    one that explains most is tried as well.
+    one that explains most is tried as well. A law of the rows that was told by chance knows nothing of what a drive's
+    loop makes of counts between them; one that explains the demand exactly has nothing that drowned.
     """
     law = told.law
-    if law.ticks == 1 or not data.repeated:
+    explains_most = next((one for one in laws if one.ticks > 1), None)
+    if explains_most is None or not data.repeated or law.exact:
         return told
-    explains_most = next(one for one in laws if one.ticks > 1).on_ticks(law.ticks, data.period)
+    if law.ticks > 1:
+        explains_most = explains_most.on_ticks(law.ticks, data.period)
     most = CLEARLY_LESS * told.left / (AS_MUCH if law.demanded else 1.0)
-    for one in dict.fromkeys((law, explains_most)):
+    for one in dict.fromkeys(one for one in (law, explains_most) if one.ticks > 1):
         trials = [replace(one, asked=times / PIECE_SECONDS) for times in WANDERS]
         left = [fitted(trial).left_by(trial, told.disturbance)[0] for trial in trials]
         if min(left) < most:
