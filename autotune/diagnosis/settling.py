@@ -426,10 +426,12 @@ def _contends(
 ) -> bool:
     """Whether another effect came near the chosen one by its own law.
 
-    Where that can be named so, only one that can be too, and errs no more: an element of memory that hardly slides
-    is a spring. If the chosen one does better by `another_law`, its look-alikes may as well: friction that the load
-    presses, by the root of squares, was a motor that saturates by a course of its own. A spring's free course comes
-    near to any weight over a part of a turn: where the weight leaves nothing beyond doubt, that says nothing of it
+    Near is what is asked before its course is free (`Kind.least_own`): of an encoder off centre one wave a turn is a
+    quarter of what two are. Where the chosen one can be named so, only one that can be too, and errs no more: an
+    element of memory that hardly slides is a spring. If the chosen one does better by `another_law`, its look-alikes
+    may as well: friction that the load presses, by the root of squares, was a motor that saturates by a course of its
+    own. A spring's free course comes near to any weight over a part of a turn: where the weight leaves nothing beyond
+    doubt, that says nothing of it
     (`spring_as_well`).
     """
     policy = state.problem.policy
@@ -441,7 +443,8 @@ def _contends(
     if another_law and item.effect in usual_rivals(chosen.effect):
         return item.share >= policy.partly
     if not chosen.named:
-        return item.gain >= policy.rival_gain * chosen.gain and item.share >= policy.partly
+        own = policy.partly * EFFECTS[item.effect].least_own
+        return item.gain >= policy.rival_gain * chosen.gain and item.share >= own
     return item.named and state.evidence.comes_near(state.problem, state.root, chosen, item)
 
 

@@ -668,7 +668,8 @@ def test_what_was_found_first_must_be_worth_having_beside_the_rest(
     [
         (0.9, False, True, True, 0.3, 1),
         (0.9, True, True, True, 0.3, 2),  # beyond chance, and as much by a law that differs
-        (0.1, False, True, True, 0.3, 2),  # in a few seconds, next to all that is there
+        (0.2, False, True, True, 0.3, 2),  # in a few seconds, most of what is there, and a name
+        (0.1, False, True, True, 0.3, 2),  # next to all
         (0.9, False, True, True, 0.4, 2),  # a third of what both explain is no crumb: half is enough
         (1.1, False, True, True, 0.7, 1),
         (0.9, False, False, True, 0.3, 2),

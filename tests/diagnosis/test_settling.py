@@ -175,3 +175,21 @@ def test_a_look_alike_has_its_course_free_where_the_chosen_effect_has(
     )
     item = SimpleNamespace(effect=effect, named=False, gain=0.8, share=0.94)
     assert settling._contends(state, chosen, item, another_law) is contends
+
+
+@pytest.mark.parametrize(
+    ("effect", "contends"),
+    [("encoder_eccentricity", True), ("thermal_drift", False)],
+    ids=["two waves", "one law"],
+)
+def test_an_effect_whose_own_law_is_a_part_of_its_course_contends_by_that_part(
+    effect: str, contends: bool
+) -> None:
+    """Of an encoder that is tilted too one wave a turn explained 35 %, both 98 %; a ripple with 36 % was chosen."""
+    state = SimpleNamespace(problem=SimpleNamespace(policy=POLICY), root=None, evidence=None)
+    uncertain = SimpleNamespace(certain=False)
+    chosen = SimpleNamespace(
+        effect="torque_ripple", named=False, gain=0.16, share=0.36, training=uncertain, veto=None
+    )
+    item = SimpleNamespace(effect=effect, named=False, gain=0.25, share=0.35)
+    assert settling._contends(state, chosen, item) is contends

@@ -34,6 +34,7 @@ from autotune.estimation.controller_law import (
 )
 from autotune.estimation.controller_search import (
     _late_trials,
+    _leaves_as_little,
     _of_prompt_rows,
     fed_late,
     first_look,
@@ -523,6 +524,22 @@ def test_rows_that_a_feedforward_tells_are_not_late(fed: float) -> None:
     found = _of_prompt_rows(controller.loop_samples(whole))
     assert (found is None) == bool(fed)
     assert found is None or found.kp == pytest.approx(TRUE.kp, rel=0.02)
+
+
+@pytest.mark.parametrize("late", [0, 3], ids=["rows written late", "set points late"])
+def test_a_law_of_rows_that_are_not_late_holds_in_all_rows_as_another_does(late: int) -> None:
+    """A reading that is late is off in any law; one that misses what another tells is a law of the recursion only: a
+    slow cascade's changes were told to their rounding in 93 of 100 rows, by gains that were none (half 74010)."""
+    recording = recorded(TRUE)
+    moved = recording["position"]
+    if not late:
+        by = np.where(np.random.default_rng(8).uniform(size=len(recording)) < 0.05, 0.1 * PERIOD, 0.0)
+        moved = moved + by * np.gradient(moved, PERIOD)
+    ahead = np.concatenate([recording["reference"][late:], np.full(late, recording["reference"][-1])])
+    columns = dict(recording.floats) | {"position": moved, "reference": ahead}
+    whole = prepare([Recording.from_columns(columns, recording.metadata, "motion")])
+    samples = controller.loop_samples(whole)
+    assert _leaves_as_little(samples, TRUE, searched_late(samples)) is (late == 0)
 
 
 @pytest.mark.parametrize("step", [0.0, 1e-6])

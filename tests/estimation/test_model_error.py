@@ -1,6 +1,8 @@
 """Which of several laws a drive works by, where only its twin tells."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -292,3 +294,29 @@ def test_what_is_found_tells_the_law_again(twin: bool) -> None:
     if twin:
         asked, told = _asked_again(data, law, None)
         assert told is asked
+
+
+@pytest.mark.parametrize(
+    ("told", "left", "asked"),
+    [
+        (replace(LAW, ticks=1, in_band=False), 0.5, True),
+        (replace(LAW, ticks=1, in_band=False), 0.99, False),
+        (replace(LAW, ticks=1, in_band=False, exact=True), 0.5, False),
+    ],
+    ids=["by chance", "leaves no less", "exact"],
+)
+def test_what_a_drives_law_asks_for_is_tried_beside_a_law_of_the_rows(
+    told: PositionController, left: float, asked: bool
+) -> None:
+    """A PID of 16 kHz on 13 counts to the reach, rows of 2 ms: a law of the rows left 0.8 % less than the drive's, and
+    with what that asks for in place of the torque two thirds of it were left (development half 74005)."""
+
+    def left_by(law: PositionController, _: Disturbance) -> tuple[float, float]:
+        return (left if law.asked > 0.0 else 1.0), 0.0
+
+    data: Any = SimpleNamespace(repeated=True, period=PERIOD)
+    known = model_error_module._Least(told, STILL, 1.0)
+    plain: Any = SimpleNamespace(left_by=left_by)
+    found = model_error_module._or_asked(data, [told, LAW], known, lambda _: plain)
+    assert (found.law.asked > 0.0) is asked
+    assert found.law.ticks > 1 if asked else found is known
