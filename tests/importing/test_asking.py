@@ -132,6 +132,78 @@ def test_what_was_written_or_recognised_stands_in_the_command(
     ]  # fmt: skip
 
 
+def asked(head: str, path: Path, signals: dict[str, Floats]) -> tuple[str, list[str]]:
+    """What is said of a file with that head, and the `--column` options of the command."""
+    told = {"t [s]": "time", "q": "position", "x": "position"}
+    table = {name: signals[told.get(name, told.get(name[0], "torque"))] for name in head.split(",")}
+    with pytest.raises(ConfigurationError) as caught:
+        bring_in(write_table(path, table))
+    said, command = str(caught.value).rsplit("\n", 1)
+    return said, [word for word in shlex.split(command) if "=" in word]
+
+
+@pytest.mark.parametrize(
+    ("head", "options"),
+    [
+        ("t [s],x [mm],F [N],F_cmd [N]", "time=t position=x torque_command=F_cmd torque=F"),
+        ("t [s],x [mm],F [N]", "time=t position=x torque=F"),
+        ("t [s],q [rad],S [Nm],tau_cmd [Nm]", "time=t position=q torque_command=tau_cmd torque=S"),
+        ("t [s],q [rad],S [Nm],R [Nm],tau_cmd [Nm]", "time=t position=q torque_command=tau_cmd torque=NAME"),
+        (
+            "t [s],q [rad],iq_ref [A],iq [A]",
+            "time=t position=q torque_command=iq_ref*CONSTANT torque=iq*CONSTANT",
+        ),
+        (
+            "t [s],q [rad],id_ref [A],id [A],iq_ref [A],iq [A]",
+            "time=t position=q torque_command=iq_ref*CONSTANT torque=iq*CONSTANT",
+        ),
+        ("t [s],q [rad],iq_ref [A]", "time=t position=q torque_command=iq_ref*CONSTANT"),
+        (
+            "t [s],q_ref,q,tau_cmd,tau",
+            "time=t reference=q_ref*UNIT position=q*UNIT torque_command=tau_cmd*UNIT torque=tau*UNIT",
+        ),
+        (
+            "t [s],x_ref [mm],x,F_cmd [N],F",
+            "time=t reference=x_ref position=x*UNIT torque_command=F_cmd torque=F*UNIT",
+        ),
+        (
+            "t [s],x_ref [mm],x [mm],tau_cmd [Nm],tau [Nm]",
+            "time=t reference=x_ref*FACTOR position=x*FACTOR torque_command=tau_cmd torque=tau",
+        ),
+    ],
+)
+def test_the_command_drops_nothing_that_was_measured_or_commanded(
+    tmp_path: Path, signals: dict[str, Floats], head: str, options: str
+) -> None:
+    """Followed literally, a command without `torque=F` took the torque commanded in its place."""
+    _, words = asked(head, tmp_path / "t.csv", signals)
+    assert words == options.split()
+
+
+def test_a_command_without_blanks_is_only_agreed_to(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    """A column called `F` is no blank in capitals; where there are any, they are named."""
+    path = tmp_path / "t.csv"
+    said, words = asked("t [s],x [mm],F [N],F_cmd [N]", path, signals)
+    assert "only 'x' [mm] can be position. If that is so, say:" in said
+    recording = bring_in(path, columns=tuple(words)).recording
+    assert {"torque", "torque_command"} <= set(recording.floats)
+    said, _ = asked("t [s],q [rad],iq [A]", path, signals)
+    assert said.endswith("Fill in CONSTANT:")
+    said, _ = asked("t [s],q [rad],Strom U [A],Strom V [A]", path, signals)
+    assert "one of 'torque=Strom U*CONSTANT', 'torque=Strom V*CONSTANT'. Fill in NAME, CONSTANT:" in said
+
+
+def test_the_torque_commanded_is_taken_for_the_measured_one_only_where_that_is_said(
+    tmp_path: Path, signals: dict[str, Floats]
+) -> None:
+    path = tmp_path / "t.csv"
+    said, _ = asked("t [s],q [rad],S [Nm],tau_cmd [Nm]", path, signals)
+    assert "no column is called a torque, but 1 measures a torque or a force: say 'torque=S'" in said
+    imported = bring_in(path, columns=("torque_command=tau_cmd",))
+    assert imported.recording.metadata.extra["torque_source"] == "torque_command"
+    assert any("takes one, such as the torque measured" in line for line in imported.lines)
+
+
 def test_a_placeholder_left_in_is_refused(tmp_path: Path, signals: dict[str, Floats]) -> None:
     path = write_table(tmp_path / "t.csv", signals, head="t [s],pos,v [rad/s],tau [Nm]")
     with pytest.raises(ConfigurationError, match="'UNIT' in the factor is not a number"):

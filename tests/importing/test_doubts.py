@@ -141,11 +141,66 @@ def test_units_in_names(header: str, name: str, unit: str) -> None:
         ("setpoint", "deg", "reference"), ("Set point", "deg", "reference"), ("Torque feed-forward", "Nm",
         "torque_feedforward"), ("Sollwert", "°", "reference"), ("commanded", "mm", "reference"),
         ("Weg", "mm", "position"), ("Sollweg", "mm", "reference"),
+        ("Torque set", "Nm", "torque_command"), ("Lage Ist", "mm", "position"), ("F_cmd", "N", "torque_command"),
+        ("F", "N", ""), ("M_ist", "Nm", ""), ("iq_ref", "A", "current_command"), ("Torque demand", "A",
+        "current_command"), ("current limit", "A", ""),
         ("command", "Nm", "torque_command"), ("setpoint", "rpm", ""), ("setpoint", "", ""), ("limit", "Nm", ""),
     ],
 )  # fmt: skip
 def test_names(name: str, unit: str, target: str) -> None:
     assert guess(Column(name, unit)).target == target
+
+
+WANTED_AND_MEASURED = (
+    "x_ref [mm],x [mm],F [N],F_cmd [N]",
+    "x_soll [mm],x_ist [mm],M_ist [N],M_soll [N]",
+    "q_set [rad],q_act [rad],M_fb [Nm],M_set [Nm]",
+    "command [rad],actual [rad],torque_actual [Nm],torque_demand [Nm]",
+    "pos1_ref [mm],pos1 [mm],F1 [N],F1_cmd [N]",
+    "Sollwert [°],Istwert [°],Moment Ist [Nm],Moment Soll [Nm]",
+)
+
+
+@pytest.mark.parametrize("names", WANTED_AND_MEASURED)
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_bears_the_name_of_a_command_is_the_measured_one(
+    tmp_path: Path, signals: dict[str, Floats], names: str, turned: bool
+) -> None:
+    """A heading such as `F` says little by itself, and enough beside `F_cmd`; in whatever order."""
+    given = (0.9 * signals["position"], signals["position"], signals["torque"], 0.9 * signals["torque"])
+    targets = ("reference", "position", "torque", "torque_command")
+    columns = list(zip(names.split(","), given, strict=True))[:: -1 if turned else 1]
+    table = {"t [s]": signals["time"]} | dict(columns)
+    recording = bring_in(write_table(tmp_path / "t.csv", table)).recording
+    factor = 1e-3 if "[mm]" in names else np.pi / 180.0 if "°" in names else 1.0
+    for target, values, scale in zip(targets, given, (factor, factor, 1.0, 1.0), strict=True):
+        np.testing.assert_allclose(recording[target], scale * values, rtol=1e-6, atol=1e-9)
+
+
+def test_a_wanted_column_of_another_number_is_not_taken(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    """Of several joints the one that a person names brings its own reference, or none."""
+    q = signals["position"]
+    table = {"t [s]": signals["time"], "q_1 [rad]": q, "ref_q_1 [rad]": 0.9 * q, "q_2 [rad]": 2.0 * q}
+    path = write_table(tmp_path / "t.csv", {**table, "tau [Nm]": signals["torque"]})
+    assert "reference" not in bring_in(path, columns=("position=q_2",)).recording
+    first = bring_in(path, columns=("position=q_1",)).recording
+    np.testing.assert_allclose(first["reference"], 0.9 * q, rtol=1e-6, atol=1e-9)
+
+
+def test_a_current_commanded_comes_along_in_amperes(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    """By name: `id` is in amperes too. A command in newton metres is none of a torque in amperes."""
+    table = {"t [s]": signals["time"], "q [rad]": signals["position"]}
+    currents = {f"i{axis}{end} [A]": signals["torque"] for axis in "dq" for end in ("", "_ref")}
+    currents["id [A]"] = currents["id_ref [A]"] = np.zeros(len(signals["time"]))
+    path = write_table(tmp_path / "t.csv", table | currents)
+    recording = bring_in(path, torque_unit="A").recording
+    for target in ("torque", "torque_command"):
+        np.testing.assert_allclose(recording[target], signals["torque"], rtol=1e-6, atol=1e-9)
+    mixed = {"iq [A]": signals["torque"], "tau_cmd [Nm]": signals["torque"]}
+    assert (
+        "torque_command"
+        not in bring_in(write_table(tmp_path / "mixed.csv", table | mixed), torque_unit="A").recording
+    )
 
 
 @pytest.mark.parametrize(

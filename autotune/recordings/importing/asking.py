@@ -6,16 +6,18 @@ capitals (`NAME`, `UNIT`, `FACTOR`), which the next import refuses if it was lef
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from autotune.core.errors import ConfigurationError
+from autotune.core.errors import ConfigurationError, a_few
 from autotune.recordings.importing.options import Options
 from autotune.recordings.recording import FLOAT_COLUMNS
 
 _MOST_FILES = 3
+_BLANK = re.compile(r"\b(?:NAME|UNIT|FACTOR|CONSTANT|COUNTS|RATED)\b")
 _ORDER = (*FLOAT_COLUMNS, "experiment", "repeat")
 
 
@@ -45,9 +47,13 @@ def ask(
     """
     columns = dict(written) | {doubt.target: doubt.field for doubt in doubts}
     sentences = ";\n  ".join(dict.fromkeys(doubt.sentence for doubt in doubts))
-    return ConfigurationError(
-        f"{path}: {sentences}. Fill in the capitals:\n  {command(paths, columns, options)}"
-    )
+    return ConfigurationError(f"{path}: {sentences}. {_to_do(doubts)}:\n  {command(paths, columns, options)}")
+
+
+def _to_do(doubts: Sequence[Doubt]) -> str:
+    """The placeholders by name, as a column may be called by a capital too; none where one only agrees."""
+    blanks = dict.fromkeys(blank for doubt in doubts for blank in _BLANK.findall(doubt.field))
+    return f"Fill in {a_few(list(blanks), len(blanks))}" if blanks else "If that is so, say"
 
 
 def command(paths: Sequence[Path], columns: Mapping[str, str], options: Options) -> str:

@@ -40,6 +40,7 @@ from autotune.recordings.importing.leaps import Steps, judge_leaps, steps_of
 from autotune.recordings.importing.mapping import (
     REPEAT,
     Choice,
+    also_asked,
     choose,
     counts_repeats,
     motion_unit,
@@ -142,7 +143,7 @@ def _read(source: Source, paths: Sequence[Path], options: Options) -> _File:
     doubts += more
     if doubts:
         known = written(choices, source, assigned) | ({TARGET: source.name_of(labelled)} if labelled else {})
-        raise ask(path, paths, doubts, known, options)
+        raise ask(path, paths, doubts + also_asked(choices, source), known, options)
     facts: dict[str, str] = {}
     if options.wishes.speed_curve:
         columns, labelled = as_stretches(columns, path, lines), None
@@ -232,7 +233,7 @@ def _with_near_origin(columns: dict[str, Floats], lines: list[str]) -> dict[str,
 
 def _completed(columns: dict[str, Floats], lines: list[str], facts: dict[str, str]) -> dict[str, Floats]:
     if "torque" not in columns:
-        lines.append("torque is the torque commanded; the file has no measured one")
+        lines.append("torque is the torque commanded: no column was taken for a measured one")
         facts["torque_source"] = "torque_command"
         columns = {**columns, "torque": columns["torque_command"]}
     return columns

@@ -11,15 +11,19 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError, a_few
 from autotune.recordings.importing.asking import Doubt
 from autotune.recordings.importing.clock import LEAST_ROWS
+from autotune.recordings.importing.electric import electric, taken_as_torque
 from autotune.recordings.importing.factor import Assignment
+from autotune.recordings.importing.missing import missing, overlooked
 from autotune.recordings.importing.options import Wishes
 from autotune.recordings.importing.recognise import (
     KINDS,
+    MEASURED,
     Guess,
-    could_be_position,
     guess,
+    guesses_of,
     quantity_of,
     unit_of,
+    wanted_of,
 )
 from autotune.recordings.importing.source import Column, Source, by_name, usual_rows
 from autotune.recordings.importing.units import Unit, find_unit
@@ -29,6 +33,7 @@ SECONDS_AT_MOST = 0.05
 """A clock without a unit is taken in seconds only if its step is below this."""
 REPEAT = "repeat"
 _FEW = 6
+_WANTED = ("reference", "torque_command", "torque_feedforward")
 _NEEDED = ("time", "position", "torque")
 _LINEAR = frozenset({"length", "linear speed", "force"})
 _ROTARY = frozenset({"angle", "angular speed", "torque"})
@@ -56,20 +61,27 @@ def choose(
         ConfigurationError: the assigned columns differ in length.
     """
     rows = _rows(source, assigned)
-    guesses = [guess(c) if c.rows == rows else Guess("", None) for c in source.columns]
+    guesses = _guesses(source, rows)
     taken = {assignment.index for assignment in assigned.values()}
     found = [_assigned(item, source, wishes) for item in assigned.values()]
     for target in FLOAT_COLUMNS:
         if target not in assigned:
-            found += _recognised(target, source, guesses, taken, wishes)
+            fellow = assigned.get(MEASURED.get(target, ""))
+            found += _recognised(target, source, guesses, taken, wishes, fellow)
     found += _own_repeats(source, rows, taken) if REPEAT not in assigned else []
     choices = [one for one in found if isinstance(one, Choice)]
     doubts = [one for one in found if isinstance(one, Doubt)]
     targets = {one.target for one in found}
-    doubts += _missing(targets, source, guesses, wishes)
-    if "position" not in targets and "velocity" in targets - set(assigned):
-        doubts += _overlooked_position(source, rows)
+    used = taken | {choice.index for choice in choices}
+    doubts += missing(targets, used, source, guesses, rows, wishes)
+    doubts += overlooked(targets, set(assigned), used, source, rows)
     return choices, doubts + _mixed(choices, source, wishes)
+
+
+def _guesses(source: Source, rows: int | None) -> list[Guess]:
+    """What each column seems to be; nothing where it is not as long as the recording."""
+    found = iter(guesses_of([column for column in source.columns if column.rows == rows]))
+    return [next(found) if column.rows == rows else Guess("", None) for column in source.columns]
 
 
 def _rows(source: Source, assigned: Mapping[str, Assignment]) -> int | None:
@@ -97,7 +109,8 @@ def said(choices: list[Choice], source: Source, labels: Column | None) -> list[s
     used = {choice.index for choice in choices}
     left = [str(one) for index, one in enumerate(source.columns) if index not in used and one is not labels]
     if left:
-        lines.append(f"not used: {a_few(left, _FEW)}; --column TARGET=FIELD takes one, such as a reference")
+        such = "a reference" if "torque" in {choice.target for choice in choices} else "the torque measured"
+        lines.append(f"not used: {a_few(left, _FEW)}; --column TARGET=FIELD takes one, such as {such}")
     return lines
 
 
@@ -131,12 +144,13 @@ def _mixed(choices: list[Choice], source: Source, wishes: Wishes) -> list[Doubt]
             f"{one.target} is in {unit.text} (linear) but {other.target} in {its.text} (rotary), and a recording is "
             "on the motor side in one of them; for a screw of 5 mm a turn, FACTOR is 1e-3*2*pi/0.005"
         )
-        return [Doubt(one.target, sentence, f"{source.called(one.index)}*FACTOR")]
+        return [Doubt(each.target, sentence, f"{source.called(each.index)}*FACTOR") for each, _ in linear]
     seen = "m" if linear else "rad" if rotary else None
     if wishes.motion_unit and seen and wishes.motion_unit != seen:
-        odd, unit = (linear or rotary)[0]
+        all_odd = linear or rotary
+        odd, unit = all_odd[0]
         sentence = f"--unit is {wishes.motion_unit} but {odd.target} is in {unit.text}; write --unit {seen} or a factor"
-        return [Doubt(odd.target, sentence, f"{source.called(odd.index)}*FACTOR")]
+        return [Doubt(each.target, sentence, f"{source.called(each.index)}*FACTOR") for each, _ in all_odd]
     return []
 
 
@@ -200,14 +214,20 @@ def counts_repeats(values: Floats) -> bool:
 
 
 def _recognised(
-    target: str, source: Source, guesses: list[Guess], taken: set[int], wishes: Wishes
+    target: str,
+    source: Source,
+    guesses: list[Guess],
+    taken: set[int],
+    wishes: Wishes,
+    fellow: Assignment | None,
 ) -> list[Choice | Doubt]:
+    """The column that is `target`; `fellow`: what a person says is measured of it."""
     hits = [i for i, found in enumerate(guesses) if found.target == target and i not in taken]
     exact = [i for i in hits if guesses[i].canonical]
     hits = exact or hits
-    if target == "torque" and not hits and wishes.torque_unit in ("A", "V"):
-        kind = "current" if wishes.torque_unit == "A" else "voltage"
-        hits = [i for i, found in enumerate(guesses) if found.target == kind and i not in taken]
+    hits = [i for i in taken_as_torque(target, source, guesses, hits, wishes) if i not in taken]
+    if fellow is not None:
+        hits = wanted_of(target, source.columns[fellow.index], source.columns, hits)
     if len(hits) > 1 and target in _NEEDED:
         names = a_few([f"'{target}={source.called(i)}'" for i in hits], 4)
         return [Doubt(target, f"{len(hits)} columns that may be {target}: one of {names}", "NAME")]
@@ -223,9 +243,9 @@ def _by_unit(target: str, index: int, source: Source, found: Guess, wishes: Wish
     column, called = source.columns[index], source.called(index)
     if quantity == "torque":
         unit = unit or find_unit(wishes.torque_unit or "")
-        electric = _electric(target, index, source, unit, wishes)
-        if electric is not None:
-            return electric
+        doubt = electric(target, index, source, unit, wishes)
+        if doubt is not None:
+            return doubt
         if unit is not None and unit.kind in ("current", "voltage"):
             return Choice(target, index, unit.factor, f"{unit.text}, as --torque-unit says", None, True)
     if unit is None and column.unit:
@@ -247,78 +267,22 @@ def _by_unit(target: str, index: int, source: Source, found: Guess, wishes: Wish
     return Choice(target, index, unit.factor, unit.text, unit, True)
 
 
-def _electric(target: str, index: int, source: Source, unit: Unit | None, wishes: Wishes) -> Doubt | None:
-    """A current, a voltage or a share of the rated torque is no torque until somebody says the constant."""
-    column, called = source.columns[index], source.called(index)
-    kind = unit.kind if unit is not None else guess(column).target
-    if kind == "share":
-        share = unit.factor if unit else 1.0
-        sentence = (
-            f"{column} is a share of the rated torque: say '{target}={called}*0.5*{share:g}' for 0.5 N m"
-        )
-        return Doubt(target, sentence, f"{called}*RATED*{share:g}")
-    if kind not in ("current", "voltage"):
-        return None
-    letter, constant = ("A", "0.12") if kind == "current" else ("V", "35.15")
-    if wishes.torque_unit == letter:
-        return None
-    sentence = (
-        f"{column} is a {kind}, not a torque: say '{target}={called}*{constant}' for {constant} N m (or N) "
-        f"in each {letter}, or work in {letter} with --torque-unit {letter}"
-    )
-    return Doubt(target, sentence, f"{called}*CONSTANT")
-
-
 def _without_unit(target: str, index: int, source: Source, found: Guess) -> Choice | Doubt:
     """No unit in the file: SI if the person named the column, or it has a recording's own name, or it is time."""
     if found.canonical or target == "time":
         return Choice(target, index, 1.0, "no unit written: taken in SI", None, False)
     if target not in _NEEDED:
         return Choice("", index, 1.0, "no unit", None, False)
-    units = "rad, deg, mm" if target == "position" else "Nm, mNm, N"
+    return _unit_asked(target, index, source)
+
+
+def _unit_asked(target: str, index: int, source: Source) -> Doubt:
+    units = "rad, deg, mm" if quantity_of(target) == "position" else "Nm, mNm, N"
     sentence = f"{source.columns[index]} has no unit, and a guess could be wrong: UNIT is {units} or any factor to SI"
     return Doubt(target, sentence, f"{source.called(index)}*UNIT")
 
 
-def _missing(targets: set[str], source: Source, guesses: list[Guess], wishes: Wishes) -> list[Doubt]:
-    """Time, position (or velocity) and torque where nothing seems to be one."""
-    missing: dict[str, str] = {}
-    doubts: list[Doubt] = []
-    if not ("time" in targets or source.period or wishes.period or wishes.speed_curve):
-        table = ", or --speed-curve where each row is a constant speed with its mean torque"
-        missing["time"] = f"time (or --period{table * ('velocity' in targets and 'position' not in targets)})"
-    if wishes.speed_curve and "velocity" not in targets:
-        missing["velocity"] = "velocity"
-    elif not {"position", "velocity"} & targets:
-        missing["position"] = "position"
-    if not {"torque", "torque_command"} & targets:
-        electric = _a_current(source, guesses, wishes)
-        doubts += electric
-        if not electric:
-            missing["torque"] = "torque"
-    told = f"cannot tell which column is {', '.join(missing.values())}; the file has {source.described()}"
-    return doubts + [Doubt(target, told, "NAME") for target in missing]
-
-
-def _overlooked_position(source: Source, rows: int | None) -> list[Doubt]:
-    """Columns that may be the position of a file of which only the velocity was recognised.
-
-    Integrated from that, it would start at 0 and drift.
-    """
-    hits = [i for i, c in enumerate(source.columns) if c.rows == rows and could_be_position(c)]
-    if not hits:
-        return []
-    names = a_few([f"'position={source.called(i)}'" for i in hits], 4)
-    sentence = (
-        f"no column is called a position, but {len(hits)} measure{'s' * (len(hits) == 1)} an angle, a length or "
-        f"counts: say {names}; with 'velocity=...' named and no 'position=...' it is integrated from the velocity"
-    )
-    return [Doubt("position", sentence, "NAME")]
-
-
-def _a_current(source: Source, guesses: list[Guess], wishes: Wishes) -> list[Doubt]:
-    for index, found in enumerate(guesses):
-        if found.target in ("current", "voltage"):
-            doubt = _electric("torque", index, source, found.unit, wishes)
-            return [doubt] if doubt is not None else []
-    return []
+def also_asked(choices: list[Choice], source: Source) -> list[Doubt]:
+    """Where something is asked anyway: the units of what was commanded too, which the command would leave out else."""
+    left = [(guess(source.columns[one.index]).target, one.index) for one in choices if not one.target]
+    return [_unit_asked(target, index, source) for target, index in left if target in _WANTED]

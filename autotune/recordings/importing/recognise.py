@@ -6,7 +6,8 @@ Only what is beyond doubt is taken; everything else is asked for with the option
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from autotune.recordings.importing.source import Column
 from autotune.recordings.importing.units import Unit, find_unit
@@ -23,15 +24,17 @@ _QUANTITIES = {
     "temperature": "temperature temp temperatur",
 }
 _ROLES = {
-    "wanted": "reference ref target demand demanded setpoint desired des command cmd commanded qg soll sollwert sp "
+    "wanted": "reference ref target demand demanded set setpoint desired des command cmd commanded qg soll sollwert sp "
     "qref qd* trajectory",
     "error": "error err following deviation lag residual",
     "forward": "feedforward ff offset",
     "other": "friction estimated est load disturbance limit max min std",
 }
-_WHICH_WORDS = "actual act measured meas real joint axis motor link shaft encoder sensor raw"
+_ACTUAL = frozenset(
+    ["actual", "act", "measured", "meas", "real", "feedback", "fb", "ist", "istwert", "gemessen"]
+)
+_WHICH = _ACTUAL | {"joint", "axis", "motor", "link", "shaft", "encoder", "sensor", "raw"}
 """Words that say which of several quantities of one kind a column is; beside them a short name is as plain as alone."""
-_WHICH = frozenset(_WHICH_WORDS.split())
 _WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in words.split()}
 _COMPOUND = re.compile(
     r"(?P<before>soll|ist)(?P<behind>[a-zäöü]{2,})|(?P<ahead>[a-zäöü]{2,}?)s?(?P<after>soll|ist)(wert)?"
@@ -63,6 +66,15 @@ _BY_KIND = {
     "time": "time",
     "temperature": "temperature",
 }
+COMMAND = "_command"
+"""What ends the guess of a current or a voltage that is wanted."""
+MEASURED = {
+    "reference": "position",
+    "torque_command": "torque",
+    "current" + COMMAND: "current",
+    "voltage" + COMMAND: "voltage",
+}
+"""What is wanted → what is measured of it."""
 KINDS = {
     "time": ("time",),
     "position": ("angle", "length", "counts"),
@@ -75,7 +87,9 @@ KINDS = {
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """What a column seems to be: its place in a recording, or `current` or `voltage`; empty if unknown.
+    """What a column seems to be: its place in a recording, or `current`, `voltage`, or one of them with `_command`.
+
+    Empty if unknown.
 
     Attributes:
         canonical: the name is one of a recording's own, so that SI is meant if no unit is written.
@@ -96,17 +110,61 @@ def unit_of(column: Column, quantity: str = "") -> Unit | None:
     return find_unit(column.unit, "length" if quantity == "position" else "") if column.unit else None
 
 
+def wanted_of(target: str, measured: Column, columns: Sequence[Column], hits: list[int]) -> list[int]:
+    """Of the columns that may be `target`, those of the fellow that a person has named; else those without a number."""
+    of_it = [i for i in hits if stem(columns[i].name) == stem(measured.name)]
+    return of_it or [i for i in hits if columns[i].name == target or not re.search("[0-9]", columns[i].name)]
+
+
 def could_be_position(column: Column) -> bool:
     """Whether a column measures an angle, a length or counts, and its name does not say of what."""
-    unit = unit_of(column, "position")
-    return unit is not None and unit.kind in KINDS["position"] and _words(column.name) == ("", "")
+    return unit_of(column, "position") is not None and _nameless(column, "position")
+
+
+def could_be_torque(column: Column) -> bool:
+    """Whether a column measures a torque or a force, and its name does not say of what."""
+    unit = unit_of(column, "torque")
+    return unit is not None and unit.kind in ("torque", "force") and _nameless(column, "torque")
+
+
+def guesses_of(columns: Sequence[Column]) -> list[Guess]:
+    """What each column seems to be, by itself and by its fellow: `x` is what is measured where `x_ref` is wanted.
+
+    With a number in its name (`F2_cmd`) a column is what is wanted of its fellow only (`F2`).
+    """
+    alone = [guess(column) for column in columns]
+    known = {found.target for found in alone}
+    fellows: dict[tuple[str, ...], list[int]] = {}
+    for index, column in enumerate(columns):
+        fellows.setdefault(stem(column.name), []).append(index)
+    found = list(alone)
+    for index, column in enumerate(columns):
+        wanted = alone[index] if alone[index].target else guess(_without_numbers(column))
+        measured = MEASURED.get(wanted.target, "")
+        for other in fellows[stem(column.name)] if measured else ():
+            if alone[other].target == measured:
+                found[index] = wanted
+            elif measured not in known and _nameless(columns[other], measured):
+                found[index], found[other] = wanted, Guess(measured, unit_of(columns[other], measured))
+    return found
+
+
+def _without_numbers(column: Column) -> Column:
+    return replace(column, name=re.sub(r"[0-9]+", "", column.name))
+
+
+def _nameless(column: Column, quantity: str) -> bool:
+    """Whether a column's name says nothing of what it is, and its unit no other than `quantity`."""
+    unit = unit_of(column, quantity)
+    fits = unit.kind in KINDS.get(quantity, ()) if unit is not None else not column.unit
+    return fits and words_of(column.name) == ("", "")
 
 
 def guess(column: Column) -> Guess:
     """What the column seems to be."""
     if column.name in FLOAT_COLUMNS:
         return Guess(column.name, unit_of(column, quantity_of(column.name)), True)
-    quantity, role = _words(column.name)
+    quantity, role = words_of(column.name)
     unit = unit_of(column, quantity)
     if unit is not None:
         by_unit = _BY_KIND.get(unit.kind, "")
@@ -118,7 +176,7 @@ def guess(column: Column) -> Guess:
         elif quantity in KINDS and unit.kind not in KINDS[quantity]:
             return Guess("", unit)
     if quantity in ("current", "voltage"):
-        return Guess(quantity if not role else "", unit)
+        return Guess({"": quantity, "wanted": quantity + COMMAND}.get(role, ""), unit)
     return Guess(_TARGETS.get((quantity, role), ""), unit)
 
 
@@ -131,10 +189,20 @@ def _parts(word: str) -> list[str]:
     return [role, known] if known in _WORDS else [word]
 
 
-def _words(name: str) -> tuple[str, str]:
-    """Quantity and role by the name's words; an unclear name has none, one like 'setpoint' has a role alone."""
+def _spaced(name: str) -> str:
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.rsplit(".", 1)[-1])
-    spaced = _IN_TWO.sub(r"\1\2", spaced.lower())
+    return _IN_TWO.sub(r"\1\2", spaced.lower())
+
+
+def stem(name: str) -> tuple[str, ...]:
+    """The words of a name but for those that tell wanted from measured: `M_soll` and `M_ist` have one stem."""
+    words = [part for word in re.findall(r"[a-zäöüµ]+|[0-9]+", _spaced(name)) for part in _parts(word)]
+    return tuple(word for word in words if word not in _ACTUAL and _ROLE_WORDS.get(word) != "wanted")
+
+
+def words_of(name: str) -> tuple[str, str]:
+    """Quantity and role by the name's words; an unclear name has none, one like 'setpoint' has a role alone."""
+    spaced = _spaced(name)
     words = [part for word in re.split(r"[^a-zäöüµ]+", spaced) if word for part in _parts(word)]
     if not words:
         return "", ""
