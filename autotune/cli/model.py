@@ -54,7 +54,7 @@ def fit(
     html: Html = None,
     rrd: Rrd = None,
 ) -> None:
-    """Fit a model to recordings; every number with its uncertainty, what cannot be told named."""
+    """Fit one model to all recordings; every number with its uncertainty, what cannot be told named."""
     import autotune
     from autotune.api.known_laws import keep_laws
     from autotune.models.model_file import write_model
