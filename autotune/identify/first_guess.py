@@ -34,6 +34,8 @@ MOST_WAVES, WAVE_ROWS, MOST_PERIODS = 8, 6000, 4000
 """Waves beside a model, rows in which they are looked for, and periods in the travel."""
 LEAST_OF_A_TURN = 0.3
 """Of a load behind a gear: over less its gravity is a spring's."""
+OTHER_ORDERS = np.array([0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.02, 1.05, 1.1, 1.25, 1.4, 2.0])
+"""Times the order of gravity: others that are tried for what the offset owes to it."""
 MATTERS = 0.05
 """Of inertia or Coulomb friction: terms of the place that change them by less are left to the diagnosis."""
 PASSED = 0.8
@@ -43,7 +45,7 @@ LONGEST, SHORTEST = 0.1, 2e-5
 CLEARLY = 1.03
 """A longer reach must leave an error smaller than by this factor."""
 _TWO_AXES = 1.5
-_J, _VISCOUS, _COULOMB, _BASE = 0, 1, 2, 5
+_J, _VISCOUS, _COULOMB, _OFFSET, _BASE = 0, 1, 2, 4, 5
 _SURE = [0, 2, 4]
 _SHARED = [0, 2]
 _FRICTION = [2, 4]
@@ -70,12 +72,14 @@ class Guess:
 
     Attributes:
         place: what was fitted beside them, and `sizes`: of its columns [N m].
+        offset_doubt: by how much the offset changes with orders of gravity that leave as little [N m or N].
     """
 
     values: dict[str, float]
     relative_error: float
     place: PlaceTerms
     sizes: Floats
+    offset_doubt: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +143,8 @@ def guess(
         "micro_damping": min(max(damping, 0.1 * usual), 5.0 * usual),
         "offset": offset,
     }
-    return Guess(values, best.error, terms, best.solution[_BASE:])
+    doubt = _offset_doubt(best, terms, plain, pieces, bands)
+    return Guess(values, best.error, terms, best.solution[_BASE:], doubt)
 
 
 def _best(trials: Sequence[_Trial]) -> _Trial:
@@ -224,11 +229,32 @@ def _of_a_gear(best: _Trial, pieces: Sequence[Piece], bands: Bands) -> float:
     order = min([*orders.tolist(), 1.0], key=left)
     if order == 1.0:
         return 1.0
-    near = max(order - step, 0.5 * LEAST_OF_A_TURN / turns), min(order + step, 1.0)
+    least = 0.5 * LEAST_OF_A_TURN / turns
+    near = max(order - step, least), min(order + step, 1.0)
     found = scipy.optimize.minimize_scalar(
         left, bounds=near, method="bounded", options={"xatol": 1e-3 * step}
     )
+    if found.x <= least + 2e-3 * step:  # there is no best order: the less of a wave, the better
+        return 1.0
     return float(found.x) if left(float(found.x)) <= (1.0 - LEAST_GAIN) * left(1.0) else 1.0
+
+
+def _offset_doubt(
+    best: _Trial, terms: PlaceTerms, plain: Sequence[_Trial], pieces: Sequence[Piece], bands: Bands
+) -> float:
+    """By how much the offset changes with orders of gravity that leave as little as the one that is held [N m or N].
+
+    Such a sine is any course that bends a little, whatever the order: there its constant part is none of gravity's.
+    """
+    if not terms.gravity:
+        return 0.0
+    same, doubt = [trial for trial in plain if trial.reach == best.reach], 0.0
+    for order in (terms.load * OTHER_ORDERS).tolist():
+        orders = tuple(order if one == terms.load else one for one in terms.orders)
+        other = _with_place(same, pieces, bands, replace(terms, orders=orders, load=order))[0]
+        if other.error**2 <= ALIKE * best.error**2:
+            doubt = max(doubt, abs(float(other.solution[_OFFSET] - best.solution[_OFFSET])))
+    return doubt
 
 
 def _heavier_than_seen(terms: PlaceTerms, trials: list[_Trial]) -> bool:

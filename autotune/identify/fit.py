@@ -22,9 +22,17 @@ from autotune.estimation.joint_fit import free_by_name
 from autotune.estimation.least_squares import with_values
 from autotune.estimation.pieces import UNFITTED, Piece, cut, torque_error
 from autotune.estimation.policy import POLICY
-from autotune.identify.estimate import Estimate
+from autotune.identify.estimate import Estimate, Quantity
 from autotune.identify.first_guess import Guess, guess
-from autotune.identify.refinement import Joint, free_parameters, missing, refine_recording
+from autotune.identify.refinement import (
+    NEEDED,
+    SYSTEMATIC_ELSE,
+    UNKNOWN,
+    Joint,
+    free_parameters,
+    missing,
+    refine_recording,
+)
 from autotune.identify.ripple_lines import Line, find_lines
 from autotune.identify.steady_state import SteadyState, fit_speed_curve, holds_constant_speeds_only
 from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
@@ -40,11 +48,20 @@ from autotune.recordings.recording import Recording, concatenate, refuse_twice
 
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1
+"""Of Coulomb friction: what looks like the offset is not told from it by a larger standard error."""
 FILTERED = (
     "how torque and motion belong together (read late, filtered, or between slow samples) makes {:.2g} % of the "
     "inertia, which is in its standard error"
 )
 HOLDS = "The torque holds"
+IN_OFFSET = (
+    "The offset holds the mean over this travel of what was fitted beside the model: it is what the model without that "
+    "needs, not a torque by itself"
+)
+WITH_GRAVITY = (
+    "offset: known together with gravity's sine only, as over this travel sines of other orders explain as much; move "
+    "over more of a turn of the load"
+)
 TWIN_WORSE = (
     "a simulation of the model with this controller leaves more of the torque than no simulation does"
 )
@@ -114,9 +131,12 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
         joint = refine_recording(model, brought.recording, seed=seed, controller=led.controller)
         for name in _vague(kind, joint):
             joint = _held(name, model, brought.recording, seed, led.controller)
-    joint = replace(joint, estimate=_doubted(joint.estimate, brought))
-    middle = float(np.mean(np.concatenate([piece.position for piece in pieces])))
-    return _result(_without_beside(joint, led.start, effects, middle))
+    joint = replace(joint, estimate=_doubted(joint.estimate, brought, led.start))
+    joint = _without_beside(joint, led.start, effects, _positions(pieces, bands), float(brought.doubt[-1]))
+    if not joint.controller.usable and joint.controller.why == TWIN_WORSE:
+        notes = (*joint.estimate.notes, f"No twin: {TWIN_WORSE}.")
+        joint = replace(joint, estimate=replace(joint.estimate, notes=notes))
+    return _result(joint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,25 +211,38 @@ def place_effects(start: Guess) -> list[Effect]:
     return effects
 
 
-def _doubted(estimate: Estimate, brought: Brought) -> Estimate:
-    """The estimate with what it is not known how the columns belong together adds to its standard errors."""
+def _doubted(estimate: Estimate, brought: Brought, start: Guess) -> Estimate:
+    """The estimate with standard errors that hold in how far it is not known how the columns belong together, and what
+    an order of gravity that is held makes of the offset.
+    """
     quantities = dict(estimate.parameters)
     doubts = zip(("inertia", "viscous", "coulomb", "offset"), brought.doubt.tolist(), strict=True)
     for name, doubt in doubts:
         if (one := quantities.get(name)) is not None:
-            error = math.hypot(one.standard_error, doubt * one.value)
+            held = start.offset_doubt if name == "offset" else 0.0
+            error = math.hypot(one.standard_error, doubt * one.value, held)
             quantities[name] = replace(one, standard_error=error)
     notes = brought.notes
+    if start.offset_doubt > VAGUE * quantities["coulomb"].value:
+        notes = (*notes, WITH_GRAVITY)
     if brought.doubt[0] * quantities["inertia"].value > estimate.parameters["inertia"].standard_error:
         notes = (*notes, FILTERED.format(100.0 * brought.doubt[0]))
     return replace(estimate, parameters=MappingProxyType(quantities), notes=(*notes, *estimate.notes))
 
 
-def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str], middle: float) -> Joint:
+def _without_beside(
+    joint: Joint, start: Guess, wanted: Sequence[str], position: Floats, doubt: float
+) -> Joint:
     """The base model with the effects that were asked for, and a sentence on what was fitted beside them.
 
-    `middle`: mean position. What a spring holds there is an offset of a model without it: where the position is zero,
-    the axis may never have been.
+    What is taken out is on average an offset of the model without it. A spring's mean is taken into the offset however
+    well it is known: where the position is zero, the axis may never have been. A sine's is taken where the two cannot
+    be told apart, as over a small part of its wave: each is as large as the other makes it, and a model with one of
+    them is wrong by as much.
+
+    Args:
+        position: of the rows that were fitted [rad or m].
+        doubt: share of the offset that it is not known to by how the columns belong together.
     """
     model, notes = joint.model, list(joint.estimate.notes)
     beside = [effect for effect in model.effects if effect.name not in wanted]
@@ -219,16 +252,57 @@ def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str], middle: f
             notes.insert(0, _beside_note(effect, start, model))
         model = model.without_effect(effect.name)
     known = {name: q for name, q in joint.estimate.parameters.items() if name in model.parameters}
-    held = sum(effect.values["stiffness"].value * middle for effect in beside if effect.name == SPRING.name)
-    if held and "offset" in known:
-        known["offset"] = replace(known["offset"], value=known["offset"].value + held)
-        model = model.with_values(
-            {"offset": known["offset"].value}, {"offset": known["offset"].standard_error}
-        )
-    if not joint.controller.usable and joint.controller.why == TWIN_WORSE:
-        notes.append(f"No twin: {TWIN_WORSE}.")
-    estimate = replace(joint.estimate, parameters=known, reason=missing(known), notes=tuple(notes))
+    if "offset" in known and _takes_part(beside, known["offset"], model["coulomb"]):
+        known["offset"] = offset = _with_mean(joint, beside, position, doubt)
+        if offset.identified:
+            notes = [note for note in notes if not note.startswith("offset:")]
+        notes += [IN_OFFSET] * any(note.startswith(HOLDS) for note in notes)
+        model = model.with_values({"offset": offset.value}, {"offset": offset.standard_error})
+    usable = all(known[name].identified for name in NEEDED if name in known)
+    estimate = replace(
+        joint.estimate, parameters=known, valid=usable, reason=missing(known), notes=tuple(notes)
+    )
     return replace(joint, model=model, estimate=estimate)
+
+
+def _takes_part(beside: Sequence[Effect], offset: Quantity, coulomb: float) -> bool:
+    """Whether a part of what was fitted beside the model is the offset's."""
+    spring = any(effect.name == SPRING.name for effect in beside)
+    return spring or (bool(beside) and not offset.standard_error <= VAGUE * coulomb)
+
+
+def _with_mean(joint: Joint, beside: Sequence[Effect], position: Floats, doubt: float) -> Quantity:
+    """The offset with the mean of what was fitted beside it: that sum is known where neither of the two is."""
+    weights = {"offset": 1.0}
+    for effect in beside:
+        weights |= _means(effect, position, joint.model.motion_unit)
+    value = sum(weight * joint.model[name] for name, weight in weights.items())
+    along = np.array([weights.get(name, 0.0) for name in joint.refined.names])
+    spread = math.sqrt(max(float(along @ joint.refined.covariance @ along), 0.0))
+    error = math.hypot(spread, SYSTEMATIC_ELSE * value, doubt * value)
+    before = joint.estimate.parameters["offset"]
+    if not error <= UNKNOWN * max(joint.model["coulomb"], abs(value)):
+        return replace(before, value=value, standard_error=error)
+    return Quantity(value, error, before.quantile)
+
+
+def _means(effect: Effect, position: Floats, motion_unit: str) -> dict[str, float]:
+    """Mean of each column of an effect of the place, by the surface name of its parameter."""
+    if effect.name == SPRING.name:
+        return {SPRING.surface("stiffness"): float(np.mean(position))}
+    value = {name: one.value for name, one in effect.values.items()}
+    scale = 1.0 if motion_unit == "rad" else 2.0 * math.pi
+    if effect.name == GRAVITY_IMBALANCE.name:
+        orders = {"": value.get("order", 1.0)}
+    else:
+        orders = {f"_{i}": value.get(f"order_{i}", 0.0) for i in range(1, LINES + 1)}
+    found = {}
+    for number, order in orders.items():
+        if order > 0.0:
+            angle = order * scale * position
+            found[f"{effect.name}.sin{number}"] = float(np.mean(np.sin(angle)))
+            found[f"{effect.name}.cos{number}"] = float(np.mean(np.cos(angle)))
+    return found
 
 
 def _seen(effect: Effect, estimate: Estimate) -> bool:
@@ -356,8 +430,13 @@ def _errors(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> Floats:
     return np.concatenate([torque_error(piece, packed, bands)[piece.use] for piece in pieces])
 
 
+def _positions(pieces: Sequence[Piece], bands: Bands) -> Floats:
+    """Of the rows that are fitted."""
+    return np.concatenate([p.position[:: bands.decimation][p.use] for p in pieces])
+
+
 def _started_ripple(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
-    position = np.concatenate([p.position[:: bands.decimation][p.use] for p in pieces])
+    position = _positions(pieces, bands)
     error = _errors(model, pieces, bands)
     scale = 1.0 if model.motion_unit == "rad" else 2.0 * math.pi
     lines = find_lines(position, error, np.ones((len(error), 1)), scale, most=8)

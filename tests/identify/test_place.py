@@ -47,6 +47,12 @@ def arm(
     )
 
 
+def behind(gear: float, load: Recording) -> Recording:
+    """The same as a motor sees it."""
+    columns = {name: load[name] for name in ("time", "torque")} | {"position": gear * load["position"]}
+    return Recording.from_columns(columns, load.metadata, "moves")
+
+
 def said(result: FitResult) -> str:
     return " ".join(result.notes)
 
@@ -59,6 +65,7 @@ def test_an_arm_under_gravity_has_the_inertia_that_it_has() -> None:
     assert found.model["inertia"] == pytest.approx(INERTIA, rel=0.03)
     assert found.model["coulomb"] == pytest.approx(COULOMB, rel=0.02)
     assert found.model["offset"] == pytest.approx(OFFSET, abs=0.1)
+    assert "The offset holds" not in said(found)
     assert not found.model.effects
     assert "as gravity makes it, of 8" in said(found)
     assert "--effects gravity_imbalance" in said(found)
@@ -74,6 +81,44 @@ def test_what_bends_over_a_small_part_of_a_turn_is_no_gravity_that_an_offset_bal
     assert "as gravity makes it" not in said(found)
 
 
+@pytest.mark.parametrize(
+    ("gear", "spring", "curved"),
+    [
+        pytest.param(1.0, 3.0, 4.0, id="one sine a turn, and an offset of 10 N m"),
+        pytest.param(100.0, 1.0, 0.4, id="a load that turns a hundredth"),
+        pytest.param(100.0, 1.0, 0.05, id="an order at the end of what is searched"),
+    ],
+)
+def test_a_spring_that_is_not_straight_is_no_sine_that_an_offset_balances(
+    gear: float, spring: float, curved: float
+) -> None:
+    """Sine and offset were each as large as the other made them, and the offset stayed in a model without the sine."""
+    recording = arm(spring=spring, curved=curved)
+    found = fit_recordings([behind(gear, recording)])
+    assert found.valid, found.reason
+    assert found.model is not None
+    place = recording["position"]
+    mean = OFFSET + float(np.mean(spring * place + curved * (place - 0.4) ** 2))
+    offset = found.estimate["offset"]
+    assert offset.value == pytest.approx(mean, abs=0.02)
+    assert 0.0 < offset.standard_error < 0.02
+    assert found.model["coulomb"] == pytest.approx(COULOMB, rel=0.02)
+    assert found.relative_error < 0.5
+    assert "The offset holds the mean over this travel" in said(found)
+
+
+def test_an_offset_beside_gravity_over_a_small_part_of_a_turn_is_as_sure_as_its_order() -> None:
+    """It was 10.2 ± 0.1 N m where a spring is taken for gravity: in the model it balances the sine."""
+    found = fit_recordings([arm(spring=3.0, curved=4.0)], effects=["gravity_imbalance"])
+    assert found.model is not None
+    assert found.relative_error < 0.2
+    offset = found.estimate["offset"]
+    assert abs(offset.value - OFFSET) < 2.0 * offset.standard_error
+    assert offset.standard_error < 50.0
+    assert "known together with gravity's sine only" in said(found)
+    assert "The offset holds" not in said(found)
+
+
 def test_gravity_that_is_asked_for_is_in_the_model() -> None:
     found = fit_recordings([arm(gravity=8.0)], effects=["gravity_imbalance"])
     assert found.model is not None
@@ -87,11 +132,7 @@ def test_gravity_that_is_asked_for_is_in_the_model() -> None:
 def test_gravity_of_a_load_behind_a_gear_has_its_own_order(far: float, within: float) -> None:
     """It was told as a spring and eight waves, as cogging makes them, and the offset was ten times too large."""
     gear = 20.0
-    load = arm(gravity=8.0, narrow=far)
-    behind = {
-        name: load[name] * (gear if name == "position" else 1.0) for name in ("time", "position", "torque")
-    }
-    recording = Recording.from_columns(behind, load.metadata, "moves")
+    recording = behind(gear, arm(gravity=8.0, narrow=far))
     found = fit_recordings([recording])
     assert "as gravity makes it" in said(found)
     assert "a load that turns 0.05" in said(found)
