@@ -65,6 +65,8 @@ NO_END = (
 )
 TOO_SLOW = "not identified: the samples are too slow for the torque; record faster, or move more gently"
 USUAL_PRECISION = {"rad": 1e-3, "m": 1e-5}
+WORSE_THAN_NONE = 1.0
+"""Of the torque's mean square: a model that leaves more is not valid."""
 BEYOND_NOISE = 0.25
 """Of the noise's mean square: what is left beyond it from which on the search is asked whether it leaves half."""
 
@@ -313,16 +315,18 @@ def _beside(result: FitResult) -> bool:
 def _with_error(result: FitResult, compared: Compared | None) -> FitResult:
     """The error of the model as `compare` measures it, where it can.
 
-    A heavy load makes most of a joint's torque: what was fitted beside the model tells whether the rest is an axis.
+    A heavy load makes most of a joint's torque: what was fitted beside the model tells whether the rest is an axis. A
+    model that leaves more than the torque is worse than none, whatever was fitted beside it.
     """
     if result.model is None or compared is None:
         return result
     estimate = replace(result.estimate, relative_error=compared.relative_error)
-    if result.method in ("programme", "twin") and compared.relative_error**2 > POLICY.misfit:
+    share = compared.relative_error**2
+    if share > (POLICY.misfit if result.method in ("programme", "twin") else WORSE_THAN_NONE):
         beside = _beside(result)
         why = (FITTED_BESIDE if beside else HARDLY_ANY).format(percent=100.0 * compared.relative_error)
         reason = "; ".join(filter(None, (estimate.reason, why)))
-        known = beside and result.estimate.relative_error**2 <= POLICY.misfit
+        known = beside and share <= WORSE_THAN_NONE and result.estimate.relative_error**2 <= POLICY.misfit
         estimate = replace(estimate, valid=estimate.valid and known, reason=reason)
     elif estimate.valid and (left := _missing(compared)):
         estimate = replace(estimate, reason="; ".join(filter(None, (estimate.reason, left))))

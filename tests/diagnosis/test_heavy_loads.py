@@ -44,6 +44,17 @@ def _joint(weight: float, sign: float = 1.0) -> Recording:
     return _recorded(q, sign * torque, 0.02)
 
 
+def _pendulum() -> Recording:
+    """An arm that swings at about its own rate: its inertia takes most of the weight, little is left to the motor."""
+    time = np.arange(0.0, 40.0, PERIOD)
+    q = sum(
+        a * np.sin(2 * np.pi * f * time + p) for a, f, p in ((0.9, 0.8, 0), (0.4, 0.95, 1), (0.05, 2.0, 2))
+    )
+    v, a = _moved(q)
+    torque = INERTIA * a + 0.1 * v + COULOMB * np.tanh(v / 2e-3) + WEIGHT * np.sin(q)
+    return _recorded(q, torque, 0.02)
+
+
 def _fan(dry: float = 0.03) -> Recording:
     """A fan: drag with the square of the speed, and next to no dry friction."""
     time = np.arange(0.0, 40.0, PERIOD)
@@ -64,6 +75,19 @@ def test_a_heavy_arm_is_fitted_however_heavy_it_is_and_its_weight_is_named(weigh
     assert found.model["coulomb"] == pytest.approx(COULOMB, rel=0.05)
     verdict = autotune.diagnose([recording], found.model)
     assert verdict.effects[:1] == ("gravity_imbalance",)
+
+
+def test_a_model_that_leaves_more_than_the_torque_is_not_valid_however_well_the_rest_is_known() -> None:
+    """Inertia is right, but a model without the weight asks for several times the torque that the arm takes."""
+    recording = _pendulum()
+    found = autotune.fit([recording])
+    assert found.model["inertia"] == pytest.approx(INERTIA, rel=0.05)
+    assert found.relative_error > 1.0
+    assert not found.valid
+    assert "take it in with --effects" in found.reason
+    taken_in = autotune.fit([recording], effects=["gravity_imbalance"])
+    assert taken_in.valid
+    assert taken_in.relative_error < 0.1
 
 
 def test_a_torque_of_the_wrong_sign_is_no_heavy_arm() -> None:
