@@ -431,8 +431,7 @@ def _contends(
     element of memory that hardly slides is a spring. If the chosen one does better by `another_law`, its look-alikes
     may as well: friction that the load presses, by the root of squares, was a motor that saturates by a course of its
     own. A spring's free course comes near to any weight over a part of a turn: where the weight leaves nothing beyond
-    doubt, that says nothing of it
-    (`spring_as_well`).
+    doubt, that says nothing of it (`spring_as_well`).
     """
     policy = state.problem.policy
     if item.effect == chosen.effect:

@@ -269,8 +269,8 @@ def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
 def _leaves_as_little(samples: LoopSamples, prompt: PositionController, other: PositionController) -> bool:
     """Whether a law of the rows that are not late leaves of all rows hardly more than another law does.
 
-    A reading that is late is off in any law. One that leaves a tenth holds in all rows, and the recursion held changes
-    of a demand that are little more than its rounding: a slow loop's are near to any of its errors.
+    A reading that is late is off in any law. Where another one leaves a tenth, that holds in all rows, and what the
+    recursion held to its rounding are changes of a slow loop's demand, which are near to any mixture of its errors.
     """
     seen = late_samples(samples, prompt.reference_delay, prompt.position_delay)
     whole = fitted_pid(seen, prompt.derivative_filter, cascaded=False)

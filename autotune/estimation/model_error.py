@@ -252,14 +252,13 @@ def _or_asked(
     one that explains most is tried as well. A law of the rows that was told by chance knows nothing of what a drive's
     loop makes of counts between them; one that explains the demand exactly has nothing that drowned.
     """
-    law = told.law
-    explains_most = next((one for one in laws if one.ticks > 1), None)
-    if explains_most is None or not data.repeated or law.exact:
+    law, between = told.law, [one for one in laws if one.ticks > 1]
+    if not between or not data.repeated or law.exact:
         return told
-    if law.ticks > 1:
-        explains_most = explains_most.on_ticks(law.ticks, data.period)
+    explains_most = between[0]
+    tried = (law, explains_most.on_ticks(law.ticks, data.period)) if law.ticks > 1 else (explains_most,)
     most = CLEARLY_LESS * told.left / (AS_MUCH if law.demanded else 1.0)
-    for one in dict.fromkeys(one for one in (law, explains_most) if one.ticks > 1):
+    for one in dict.fromkeys(tried):
         trials = [replace(one, asked=times / PIECE_SECONDS) for times in WANDERS]
         left = [fitted(trial).left_by(trial, told.disturbance)[0] for trial in trials]
         if min(left) < most:
@@ -267,7 +266,7 @@ def _or_asked(
     else:
         return told
     best = trials[int(np.argmin(left))]
-    others = [replace(one, asked=best.asked) for one in laws if one.ticks > 1]
+    others = [replace(one, asked=best.asked) for one in between]
     return _least_left([*others, best], fitted, data.period, told.disturbance)
 
 

@@ -25,13 +25,13 @@ from autotune.estimation.policy import POLICY
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.identify.first_guess import Guess, guess
 from autotune.identify.refinement import (
-    NEEDED,
     SYSTEMATIC_ELSE,
     UNKNOWN,
     Joint,
     free_parameters,
     missing,
     refine_recording,
+    usable,
 )
 from autotune.identify.ripple_lines import Line, find_lines
 from autotune.identify.steady_state import SteadyState, fit_speed_curve, holds_constant_speeds_only
@@ -258,9 +258,8 @@ def _without_beside(
             notes = [note for note in notes if not note.startswith("offset:")]
         notes += [IN_OFFSET] * any(note.startswith(HOLDS) for note in notes)
         model = model.with_values({"offset": offset.value}, {"offset": offset.standard_error})
-    usable = all(known[name].identified for name in NEEDED if name in known)
     estimate = replace(
-        joint.estimate, parameters=known, valid=usable, reason=missing(known), notes=tuple(notes)
+        joint.estimate, parameters=known, valid=usable(known), reason=missing(known), notes=tuple(notes)
     )
     return replace(joint, model=model, estimate=estimate)
 

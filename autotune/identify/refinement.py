@@ -290,11 +290,10 @@ def _estimate(refined: Refined, counts: Counts) -> Estimate:
             f"and the inertia may come out too small by as much; accelerate harder, or {FINER}"
         )
     reason = missing(quantities)
-    usable = all(quantities[name].identified for name in NEEDED if name in quantities)
     return Estimate(
         "joint",
         MappingProxyType(quantities),
-        usable,
+        usable(quantities),
         reason,
         refined.relative_error,
         tuple(dict.fromkeys(notes)),
@@ -363,6 +362,11 @@ def _directions(refined: Refined) -> list[str]:
         if len(loud) > 1:
             texts.append(f"only a combination of {', '.join(loud)} is known from these experiments")
     return texts
+
+
+def usable(quantities: Mapping[str, Quantity]) -> bool:
+    """Whether what a model cannot do without is identified."""
+    return all(quantities[name].identified for name in NEEDED if name in quantities)
 
 
 def missing(quantities: Mapping[str, Quantity]) -> str:
