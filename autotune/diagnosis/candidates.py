@@ -14,7 +14,15 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import without_rests
-from autotune.estimation.cross_validation import Explained, explained, gain_and_z, rests_of, shared
+from autotune.estimation.cross_validation import (
+    Explained,
+    explained,
+    gain_and_z,
+    rests_of,
+    shared,
+    there_and_back,
+    where_others_tell,
+)
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.parts import repeats_alike
@@ -278,6 +286,23 @@ def predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool
             return told
     gain, z = gain_and_z(before.unseen, after.unseen)
     return gain >= policy.least_gain and policy.no_chance(gain, z)
+
+
+def course_predicts(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether an effect with a course of its own explains data that were not fitted better, beyond chance.
+
+    Without a veto trajectory a place or a speed may be reached in one experiment only, of which others say nothing.
+    There the way there must tell the way back, and the other way round; where others do tell, it must err no more.
+    """
+    if predicts_better(problem, before, after):
+        return True
+    if problem.has_veto or after.fitted.cost > (1.0 - problem.policy.least_gain) * before.fitted.cost:
+        return False
+    gain, z = gain_and_z(*(there_and_back(problem, one.fitted) for one in (before, after)))
+    if gain < problem.policy.least_gain or not problem.policy.no_chance(gain, z):
+        return False
+    first, second = where_others_tell(problem, before.fitted, after.fitted)
+    return second <= first
 
 
 def asked_for(problem: Problem, before: ModelFit, after: ModelFit) -> bool:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Floats
-from autotune.diagnosis.candidates import FittedCandidate, explained_of_rest, predicts_better
+from autotune.diagnosis.candidates import FittedCandidate, course_predicts, explained_of_rest
 from autotune.diagnosis.contact_laws import ROUNDS, resolved
 from autotune.diagnosis.refits import judged, taken_out
 from autotune.diagnosis.screening import generic_gains
@@ -68,7 +68,7 @@ def with_free_shape(
         return None
     best: FittedCandidate | None = None
     for settled in _courses(problem, nominal, before, chosen.effect):
-        if settled is None or not predicts_better(problem, before, settled):
+        if settled is None or not course_predicts(problem, before, settled):
             continue
         if not own_course(problem, settled, chosen.effect):
             continue

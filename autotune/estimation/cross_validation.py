@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,6 +30,8 @@ from autotune.signals.chunks import CHUNK
 MOST_OF_THE_FALL = 0.25
 """Of what an effect explains: no more of what is left is put down to counts and to what a loop makes of them."""
 
+HARDLY_TOLD = 2.0
+"""Times the standard error of an answer with its own experiment: so uncertain without it, others do not tell it."""
 LEAST_SLIDING = 0.1
 """Of the rows that are fitted: with fewer on which the contact slides they tell too little."""
 
@@ -47,8 +49,42 @@ class Unseen:
 
 def held_out(problem: Problem, error: Floats, columns: Floats) -> Unseen:
     """Leave one experiment (or range of phases) out: the rest refits the columns, linearised, and predicts it."""
-    rests = _rests_unseen(problem, error, columns)
-    return Unseen(np.array([float(chunk.sum()) for rest in rests for chunk in _in_chunks(rest)]))
+    return _by_chunk(_rests_unseen(problem, error, columns, _folds(problem)))
+
+
+def there_and_back(problem: Problem, fitted: Fitted) -> Unseen:
+    """As `held_out`, each way of each experiment by itself: the way back tells it, too, with friction turned round.
+
+    Where an experiment goes that no other reaches, no other predicts it.
+    """
+    onward = problem.data.velocity[problem.data.grid] >= 0.0
+    ways = (rows[onward[rows] == way] for rows in _folds(problem) for way in (True, False))
+    return _by_chunk(
+        _rests_unseen(problem, fitted.error, fitted.jacobian, (rows for rows in ways if len(rows)))
+    )
+
+
+def where_others_tell(problem: Problem, before: Fitted, after: Fitted) -> tuple[float, float]:
+    """What `held_out` leaves of two models on the rows that other experiments tell of the second, as weighted squares.
+
+    Those are the rows of which the model's answer is no more than `HARDLY_TOLD` times less certain without their own
+    experiment.
+    """
+    table, folds = after.jacobian, list(_folds(problem))
+    inner = _normal(problem, table, slice(None))
+    told = [
+        _variance(table[rows], inner - _normal(problem, table, rows))
+        <= HARDLY_TOLD**2 * _variance(table[rows], inner)
+        for rows in folds
+    ]
+    first, second = (
+        sum(
+            float(rest @ rows)
+            for rest, rows in zip(_rests_unseen(problem, one.error, one.jacobian, folds), told, strict=True)
+        )
+        for one in (before, after)
+    )
+    return first, second
 
 
 def chunks_held_out(problem: Problem) -> list[Integers]:
@@ -59,7 +95,7 @@ def chunks_held_out(problem: Problem) -> list[Integers]:
 def left_unseen(problem: Problem, errors: Floats, columns: Floats) -> Floats:
     """What `held_out` leaves in all of several errors, shape (m, k) → (k,)."""
     left = np.zeros(errors.shape[1])
-    for rest in _rests_unseen(problem, errors, columns):
+    for rest in _rests_unseen(problem, errors, columns, _folds(problem)):
         left += np.sum(rest, axis=0)
     return left
 
@@ -74,16 +110,37 @@ def _in_chunks(values: NDArray[Any]) -> list[NDArray[Any]]:
     return np.array_split(values, max(1, len(values) // CHUNK))
 
 
-def _rests_unseen(problem: Problem, error: Floats, columns: Floats) -> Iterator[Floats]:
+def _by_chunk(rests: Iterable[Floats]) -> Unseen:
+    return Unseen(np.array([float(chunk.sum()) for rest in rests for chunk in _in_chunks(rest)]))
+
+
+def _normal(problem: Problem, columns: Floats, rows: Integers | slice) -> Floats:
+    """Normal equations of some rows that are fitted, shape (k, k)."""
+    part = columns[rows]
+    return np.asarray(part.T @ (part * problem.training[rows, None]))
+
+
+def _ridge(inner: Floats) -> Floats:
+    return 1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner))
+
+
+def _variance(part: Floats, inner: Floats) -> Floats:
+    """Of the answers to a fit with such normal equations, over that of a row's noise, shape (m,)."""
+    return np.einsum("ij,ji->i", part, np.linalg.solve(inner + _ridge(inner), part.T))
+
+
+def _rests_unseen(
+    problem: Problem, error: Floats, columns: Floats, folds: Iterable[Integers]
+) -> Iterator[Floats]:
     """Of each fold its weighted squared error, predicted by a refit of the others; `error`: shape (m,) or (m, k)."""
     weight = problem.training[:, None]
-    inner = columns.T @ (columns * weight)
-    ridge = 1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner))
+    inner = _normal(problem, columns, slice(None))
+    ridge = _ridge(inner)
     own = weight if error.ndim > 1 else problem.training
     slope = columns.T @ (error * own)
-    for rows in _folds(problem):
+    for rows in folds:
         part = columns[rows]
-        others = inner - part.T @ (part * weight[rows]) + ridge
+        others = inner - _normal(problem, columns, rows) + ridge
         change = -np.linalg.solve(others, slope - part.T @ (error[rows] * own[rows]))
         yield own[rows] * (error[rows] + part @ change) ** 2
 
