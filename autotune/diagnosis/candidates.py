@@ -288,21 +288,30 @@ def predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool
     return gain >= policy.least_gain and policy.no_chance(gain, z)
 
 
+def gain_by_way_back(problem: Problem, before: ModelFit, after: ModelFit) -> tuple[float, float]:
+    """Gain and z on ways that were not fitted, each of which the way back tells; nothing where others speak against it.
+
+    A place, a speed, a torque may be reached in one experiment only, of which others say nothing.
+    """
+    first, second = where_others_tell(problem, before.fitted, after.fitted)
+    if second > first:
+        return 0.0, 0.0
+    return gain_and_z(*(there_and_back(problem, one.fitted) for one in (before, after)))
+
+
 def course_predicts(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
     """Whether an effect with a course of its own explains data that were not fitted better, beyond chance.
 
-    Without a veto trajectory a place or a speed may be reached in one experiment only, of which others say nothing.
-    There the way there must tell the way back, and the other way round; where others do tell, it must err no more.
+    Where no veto trajectory says it, and what one experiment alone reaches is told by no other, its way there must tell
+    the way back.
     """
+    policy = problem.policy
     if predicts_better(problem, before, after):
         return True
-    if problem.has_veto or after.fitted.cost > (1.0 - problem.policy.least_gain) * before.fitted.cost:
+    if problem.has_veto or after.fitted.cost > (1.0 - policy.least_gain) * before.fitted.cost:
         return False
-    gain, z = gain_and_z(*(there_and_back(problem, one.fitted) for one in (before, after)))
-    if gain < problem.policy.least_gain or not problem.policy.no_chance(gain, z):
-        return False
-    first, second = where_others_tell(problem, before.fitted, after.fitted)
-    return second <= first
+    gain, z = gain_by_way_back(problem, before, after)
+    return gain >= policy.least_gain and policy.no_chance(gain, z)
 
 
 def asked_for(problem: Problem, before: ModelFit, after: ModelFit) -> bool:

@@ -23,6 +23,7 @@ from autotune.diagnosis.candidates import (
     explained_of_rest,
     explains_rest,
     fall_in_repeats,
+    gain_by_way_back,
     gain_on_veto,
     least_fall,
     plainer,
@@ -532,9 +533,23 @@ def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidat
         return None
     best = state.evidence.best(problem, fits)
     best = plainer(problem, fits, best, state.evidence.alike(problem))
-    if best.named and problem.has_veto and best.gain < problem.policy.least_gain:
-        best = replace(best, gain=gain_on_veto(problem, state.model_fit, best.model_fit))
+    if best.gain < problem.policy.least_gain:
+        best = replace(best, gain=_gain_where_one_tells(problem, state.model_fit, best))
     return best if state.worth_having(best) else _worth_at_its_best(state, best)
+
+
+def _gain_where_one_tells(problem: Problem, before: ModelFit, best: FittedCandidate) -> float:
+    """The gain of an effect that one experiment alone shows; what others say where nothing else does.
+
+    A motor that saturates at the fastest experiment's torque is predicted by no other, however much it explains. On the
+    veto trajectory it must explain most of the error; where there is none, each way must be told by the way back.
+    """
+    policy, after = problem.policy, best.model_fit
+    if problem.has_veto:
+        told = best.named or (best.veto is not None and best.veto.share >= policy.partly)
+        return gain_on_veto(problem, before, after) if told else best.gain
+    gain, z = gain_by_way_back(problem, before, after)
+    return gain if best.training.share >= policy.partly and policy.no_chance(gain, z) else best.gain
 
 
 def _worth_at_its_best(state: SearchState, best: FittedCandidate) -> FittedCandidate | None:
