@@ -125,7 +125,8 @@ def any_course(problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
     """
     if len(model_fit.effects) != 1 or not without_own_course(problem, model_fit):
         return False
-    gain = generic_gains(problem, model_fit).get("position", 0.0)
+    over_place = generic_gains(problem, model_fit).get("position")
+    gain = over_place.gain if over_place is not None else 0.0
     if (
         not problem.data.repeated
         and gain * model_fit.fitted.cost < (problem.policy.least_part * problem.scales.torque) ** 2

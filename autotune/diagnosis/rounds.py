@@ -370,7 +370,8 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
         problem, model_fit = state.problem, state.root
         ranked = rank(problem, state.evidence, model_fit, state.nominal, state.progress)
     if first:
-        state.first, state.generic = ranked, state.evidence.telling(generic_gains(problem, state.root))
+        state.first = ranked
+        state.generic = state.evidence.telling(problem.policy, generic_gains(problem, state.root))
     near = [item for item in ranked if first or item.fall >= NEAR_WORTH * worth or _promises(state, item)]
     passing = state.evidence.worth_fitting(problem, model_fit, near)
     fits = _fit_down(state, model_fit, passing)

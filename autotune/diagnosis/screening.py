@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.time_limit import TimeIsUp, limited
-from autotune.diagnosis.candidates import Progress, ScreenedCandidate
+from autotune.diagnosis.candidates import Gain, Progress, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts_of
 from autotune.diagnosis.transmission import adds_nothing
@@ -342,9 +342,10 @@ def _walked_on(problem: Problem, model_fit: ModelFit) -> ModelFit:
     return held_out_of(problem, replace(model_fit, fitted=fitted))
 
 
-def generic_gains(problem: Problem, model_fit: ModelFit) -> dict[str, float]:
+def generic_gains(problem: Problem, model_fit: ModelFit) -> dict[str, Gain]:
     """Gain on unseen experiments of free functions of a coordinate."""
-    gains: dict[str, float] = {}
+    gains: dict[str, Gain] = {}
     for name, columns in generic_columns(problem.data, problem.training > 0).items():
-        gains[name] = gain_and_z(model_fit.unseen, with_columns(problem, model_fit.fitted, columns))[0]
+        after = with_columns(problem, model_fit.fitted, columns)
+        gains[name] = Gain(*gain_and_z(model_fit.unseen, after), evenly(model_fit.unseen, after))
     return gains

@@ -622,7 +622,7 @@ def _begun_beside(state: SearchState, found: Found) -> Found:
     if sliding is None:
         return found
     there = held_out_of(sliding, own)
-    generic = state.evidence.telling(generic_gains(sliding, there))
+    generic = state.evidence.telling(problem.policy, generic_gains(sliding, there))
     found = replace(found, generic=generic, sliding=sliding)
     structured = max(generic.values(), default=0.0) > problem.policy.generic_gain
     left = state.evidence.structure_left(sliding, own) if state.evidence.repeats else structured

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from autotune.diagnosis import backward, candidates, transmission
-from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.candidates import Gain, no_progress
 from autotune.diagnosis.evidence import repeated, single
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
@@ -339,9 +339,13 @@ def test_so_little_is_the_measurement_chain_where_that_is_not_known(
 
 
 def test_what_a_disturbance_makes_by_itself_tells_nothing_where_nothing_is_repeated() -> None:
-    gains = {"velocity": 0.1, "acceleration": 0.2, "position": 0.1, "time": 0.5, "travel_since_reversal": 0.1}
-    assert set(SingleRecording().telling(gains)) == {"velocity", "position", "travel_since_reversal"}
-    assert RepeatedProgramme().telling(gains) == gains
+    """Nor what a level that wanders makes of a coordinate: a large gain by chance."""
+    sizes = {"velocity": 0.4, "acceleration": 0.2, "position": 0.1, "time": 0.5, "travel_since_reversal": 0.6}
+    gains = {name: Gain(size, 3.0, 0.0) for name, size in sizes.items()}
+    gains["velocity"] = Gain(0.4, 1.4, -1.1)
+    gains["travel_since_reversal"] = Gain(0.6, 1.9, 4.0)  # in a few quick moves, but in all of them
+    assert set(SingleRecording().telling(POLICY, gains)) == {"position", "travel_since_reversal"}
+    assert RepeatedProgramme().telling(POLICY, gains) == sizes
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from autotune.core.arrays import Flags, Floats
-from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
+from autotune.diagnosis.candidates import (
+    FittedCandidate,
+    Gain,
+    ScreenedCandidate,
+    error_left,
+    explained_of_rest,
+)
 from autotune.diagnosis.evidence.torque_path import is_longer
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.least_squares import standard_errors
@@ -159,9 +165,9 @@ class Evidence(ABC):
         """Whether an effect that rests show explains no more than a bristle's unknown stretch at each rest does."""
         return False
 
-    def telling(self, generic: Mapping[str, float]) -> Mapping[str, float]:
+    def telling(self, policy: Policy, generic: Mapping[str, Gain]) -> Mapping[str, float]:
         """Of the gains of free functions of each coordinate those that no disturbance makes."""
-        return generic
+        return {name: one.gain for name, one in generic.items()}
 
     @abstractmethod
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
-from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
+from autotune.diagnosis.candidates import FittedCandidate, Gain, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Effort, Evidence, HoldoutResult
 from autotune.diagnosis.evidence.torque_path import WORTH_ALIGNING, without_chain
 from autotune.diagnosis.evidence.visibility import (
@@ -149,8 +149,13 @@ class SingleRecording(Evidence):
         clearly = gain >= policy.confirming_gain and z >= policy.least_z
         return clearly and item.effect not in usual_rivals(chosen.effect)
 
-    def telling(self, generic: Mapping[str, float]) -> Mapping[str, float]:
-        return {name: gain for name, gain in generic.items() if name not in OF_DISTURBANCES}
+    def telling(self, policy: Policy, generic: Mapping[str, Gain]) -> Mapping[str, float]:
+        """A level that wanders has any shape over a coordinate that the axis goes through once."""
+        return {
+            name: one.gain
+            for name, one in generic.items()
+            if name not in OF_DISTURBANCES and beyond_chance_by(policy, one) >= policy.least_z_single
+        }
 
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         return alike_where_motion_is(problem, model_fit.fitted.error)
@@ -294,7 +299,7 @@ def bends(kind: Kind) -> bool:
     return kind.lost_in_alignment or kind.in_transmission
 
 
-def beyond_chance_by(policy: Policy, item: ScreenedCandidate) -> float:
+def beyond_chance_by(policy: Policy, item: Gain | ScreenedCandidate) -> float:
     """Standard errors by which a gain is beyond its scatter over chunks.
 
     Of an effect that explains half of all, most of it in a few quick moves, the scatter is the effect's own: then also
