@@ -11,7 +11,7 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
-from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
+from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves, without_wander
 from autotune.diagnosis.evidence.torque_path import (
     LATE_RECORD,
     is_recorded_late,
@@ -361,9 +361,10 @@ def _late_record(
 
 
 def _without_clocked(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
-    """Problem and fit without torques that follow the clock."""
+    """Problem and fit without torques that follow the clock, and a level that wanders."""
     while True:
-        again = without_clocked(problem, model_fit.fitted.packed, model_fit.fitted.error)
+        left = problem, model_fit.fitted.packed, model_fit.fitted.error
+        again = without_wander(*left) or without_clocked(*left)
         if again is None:
             return problem, model_fit
         other = fit_inside_twin(again, model_fit.fitted.packed, list(model_fit.free), 2)

@@ -15,7 +15,7 @@ from autotune.diagnosis.candidates import (
     error_left,
     predicts_better,
 )
-from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
+from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves, without_wander
 from autotune.diagnosis.evidence.torque_path import (
     is_recorded_late,
     late_anew,
@@ -67,10 +67,11 @@ def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     )
     if state.evidence.repeats:
         state.problem, best = with_own_noise(state.problem, state.root, best)
-    fitted = best.model_fit.fitted
-    clockless = without_clocked(state.problem, fitted.packed, fitted.error)
-    if clockless is not None:
-        best = state.moved(clockless, best)
+    for steadied in (without_wander, without_clocked):
+        fitted = best.model_fit.fitted
+        clockless = steadied(state.problem, fitted.packed, fitted.error)
+        if clockless is not None:
+            best = state.moved(clockless, best)
     true = without_reading_waves(state.problem, best.model_fit)
     if true is not None:
         best = state.moved(true, best)

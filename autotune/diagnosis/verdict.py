@@ -65,6 +65,7 @@ from autotune.diagnosis.wording import (
     told_late,
     torque_path_notes,
     unknown_note,
+    wander_note,
 )
 from autotune.estimation.bandwidth import prepared_both
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin, unseen_error
@@ -399,6 +400,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
+    lines.append(wander_note(facts.problem.data))
     path = torque_path_notes(facts.problem.data, facts.problem.controller)
     codes = missing_codes_note(facts.problem.data)
     bent = [TOLD_WITHOUT] * (case.verdict == UNKNOWN and told_late(facts.problem.data))

@@ -532,6 +532,17 @@ def line_note(line: TimeLine) -> str:
     )
 
 
+def wander_note(data: Prepared) -> str:
+    """How far the torque's level wanders by itself; nothing where it does not."""
+    if data.wander is None:
+        return ""
+    size = f"{data.wander.rms:.2g} {data.metadata.torque_unit}"
+    return (
+        f"The level of the torque wanders from experiment to experiment, whatever the motion (by {size} rms): a torque "
+        "sensor's or an amplifier's zero, something that warms. It is no effect that repeats, and taken out."
+    )
+
+
 def breathing_note(line: TimeLine) -> str:
     """What a friction level that follows the clock is, and where to look for it."""
     return (

@@ -93,6 +93,25 @@ class Clocked:
         return np.asarray(self.sine * np.sin(angle) + self.cosine * np.cos(angle))
 
 
+@dataclass(frozen=True, slots=True)
+class Wander:
+    """A level of the torque that wanders through a recording: a sensor's zero, an amplifier's offset, what is warmed.
+
+    `levels` [N m or N] at `times` from its first sample on [s], shape (k,) each; a line from one to the next.
+    """
+
+    times: Floats
+    levels: Floats
+
+    @property
+    def rms(self) -> float:
+        return float(np.sqrt(np.mean(self.levels**2)))
+
+    def torque(self, data: Prepared) -> Floats:
+        """Sample by sample, shape (n,)."""
+        return np.interp(data.period * np.arange(len(data.torque)), self.times, self.levels)
+
+
 MOST_OF_A_LINE = 2.0**16
 """Counts: encoders and drives divide a period of sine and cosine by 2^14 at most; two bits more are beyond all."""
 
@@ -154,6 +173,7 @@ class Prepared:
         periodic: stretches whose motion repeats itself: they are held out by phase.
         pace: what lengths of time are multiplied by (`bandwidth.Bands.pace`).
         clocked: torques that follow the clock; what is compared has none of them.
+        wander: what the torque's level does by itself; what is compared has none of it.
         reading: what the encoder's interpolation tells too much; the filtered motion has none of it, `measured` has.
         certainty: how much each grid row counts, at most 1: the usual noise over its own; None: all alike.
         load_in_twin: a load beyond a transmission moves in runs of the twin only; motions go through the inverse of the
@@ -196,6 +216,7 @@ class Prepared:
     sensed: Floats | None = None
     pace: float = 1.0
     clocked: tuple[Clocked, ...] = ()
+    wander: Wander | None = None
     reading: ReadingWave | None = None
     certainty: Floats | None = None
     load_in_twin: bool = False

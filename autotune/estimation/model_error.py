@@ -360,6 +360,7 @@ def told_beside(problem: Problem, fitted: Fitted) -> Problem:
         data = replace(
             as_recorded(known.data, one),
             clocked=problem.data.clocked,
+            wander=problem.data.wander,
             certainty=problem.data.certainty,
             load_in_twin=True,
         )

@@ -238,7 +238,8 @@ def compared_motion(data: Prepared, run: Simulated) -> Motion:
 
 
 def clockless(data: Prepared, torque: Floats) -> Floats:
-    for one in data.clocked:
+    """A torque without what follows the clock, and without its level's wandering, shape (n,)."""
+    for one in data.clocked if data.wander is None else (*data.clocked, data.wander):
         torque = torque - one.torque(data)
     return torque
 

@@ -56,3 +56,36 @@ def test_a_drive_that_works_between_its_set_points_keeps_its_rows() -> None:
     smooth = np.interp(np.arange(len(scope)), np.arange(0, len(scope), 2), scope["torque"][::2])
     between = replace(scope, floats=MappingProxyType({**scope.floats, "torque": smooth}))
     assert one_row_a_cycle(between) is between
+
+
+def _of_a_quick_drive(demanded: bool) -> Recording:
+    """A drive that works in each row on set points that stand in four of them: they kick its torque when they step."""
+    rows, random = 4, np.random.default_rng(20261128)
+    time = np.arange(24_000) * 5e-4
+    reference = np.repeat(np.sin(3.0 * time[::rows]), rows)
+    position = np.round(np.sin(3.0 * (time - 0.004)) / RESOLUTION) * RESOLUTION
+    asked = TRUE.kp * (reference - position) - TRUE.kd * np.diff(position, prepend=position[:1])
+    noise = np.std(np.diff(asked)) * random.standard_normal(len(time))
+    columns = {"time": time, "reference": reference, "position": position, "torque": asked}
+    if demanded:
+        columns |= {"torque": asked + noise, "torque_command": asked}
+    return Recording.from_columns(columns, Metadata(sample_period=5e-4), "motion")
+
+
+@pytest.mark.parametrize("demanded", [False, True])
+def test_a_drive_that_works_oftener_than_its_set_points_come_keeps_its_rows(demanded: bool) -> None:
+    """What it asks for answers to each count in between, though it steps most with the set points."""
+    drive = _of_a_quick_drive(demanded)
+    assert rows_a_cycle(drive["reference"])[0] == 4
+    assert one_row_a_cycle(drive) is drive
+
+
+def test_a_current_loop_that_follows_a_host_does_not_answer_in_between() -> None:
+    """What it still does of the last demand is little of the motion's; noise is none of it."""
+    scope, random = _oversampled(4), np.random.default_rng(20261128)
+    followed = np.array(scope["torque"])
+    for row in range(1, len(followed)):
+        followed[row] = followed[row - 1] + 0.6 * (scope["torque"][row] - followed[row - 1])
+    followed += 0.2 * np.std(np.diff(followed)) * random.standard_normal(len(followed))
+    slow = replace(scope, floats=MappingProxyType({**scope.floats, "torque": followed}))
+    assert one_row_a_cycle(slow).period == pytest.approx(CYCLE)

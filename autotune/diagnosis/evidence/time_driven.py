@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import welch
 
 from autotune.core.arrays import Floats
@@ -23,7 +24,7 @@ from autotune.estimation.cross_validation import (
     of_friction,
     with_columns,
 )
-from autotune.estimation.data import TRAINING, Clocked, Prepared, ReadingWave, read_without
+from autotune.estimation.data import TRAINING, VETO, Clocked, Prepared, ReadingWave, Wander, read_without
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import measured_motion, residual, smoothed
@@ -50,6 +51,9 @@ IN_STEP = (2.0, 98.0)
 """% of the rows: where an axis comes up to its one speed it is not in step with a clock."""
 ALIKE_PHASE = math.radians(30.0)
 """Of a line that comes and goes: how far its phase may be off in a repeat of an experiment."""
+FEWEST_EXPERIMENTS, GOES_ON, ALIKE_STEPS = 5, 0.2, 4.0
+"""Of a level that wanders: experiments that tell it; its steps' mean square from one to the next, of that of levels in
+any order (of seven, chance comes below once in a thousand), and over that from a repeat to the next."""
 HUNTS_ABOVE, NARROW, MOST, LOUD = 10.0, 0.1, 0.5, 0.1
 """Of a limit cycle: the lowest frequency [Hz]; the width of its line, over that; its least share of all that repeats do
 not share there; its least level over the torque's, where an axis has next to no friction."""
@@ -125,10 +129,57 @@ def without_clocked(problem: Problem, packed: Packed, error: Floats) -> Problem 
     rows = problem.training > 0
     sine, cosine = np.linalg.lstsq(terms[rows], error[rows], rcond=None)[0]
     found = Clocked(line.hertz, float(sine), float(cosine), data.shift, line.share)
-    data = replace(data, clocked=(*data.clocked, found))
+    return _by_time(problem, packed, replace(data, clocked=(*data.clocked, found)))
+
+
+def _by_time(problem: Problem, packed: Packed, data: Prepared) -> Problem:
+    """The problem with less in its torque that goes by time, shaken as the axis is beside that."""
     problem = replace(problem, data=data, moved=measured_motion(data))
     problem = replace(problem, disturbance=estimate_disturbance(problem, packed))
     return with_expected_noise(problem, packed)
+
+
+def without_wander(problem: Problem, packed: Packed, error: Floats) -> Problem | None:
+    """The problem without the torque's level that wanders in what a model leaves; None where it does not.
+
+    Repeats that are played one after the other share it, so that it seems to come again. But it goes on from each
+    repeat to the next one, of the same experiment or of another, and what an effect makes is as large in both repeats
+    and another one in the next experiment. What the veto trajectory has of it is a level for each of its repeats.
+    """
+    data = problem.data
+    if not data.repeated or len(data.starts) > 1:
+        return None
+    times, levels, names = _levels(problem, error)
+    if len(levels) < 2 * FEWEST_EXPERIMENTS:
+        return None
+    steps, same = np.diff(levels) ** 2, names[1:] == names[:-1]
+    if min(np.count_nonzero(same), np.count_nonzero(~same)) < FEWEST_EXPERIMENTS - 1:
+        return None
+    variance, within, across = (
+        float(np.var(levels)),
+        float(np.mean(steps[same])),
+        float(np.mean(steps[~same])),
+    )
+    goes_on = across <= GOES_ON * 2.0 * variance and across <= ALIKE_STEPS * within
+    if not goes_on or variance < problem.policy.structure_part * problem.noise_variance(error, TRAINING):
+        return None
+    before = 0.0 if data.wander is None else np.interp(times, data.wander.times, data.wander.levels)
+    return _by_time(problem, packed, replace(data, wander=Wander(times, before + levels)))
+
+
+def _levels(problem: Problem, error: Floats) -> tuple[Floats, Floats, NDArray[np.str_]]:
+    """Time [s], level and experiment of every repeat in the order of time, shape (k,) each; the levels' mean is 0."""
+    clock, found = _clock(problem), []
+    for block in problem.data.blocks:
+        if block.role not in (TRAINING, VETO) or block.repeats < 2:
+            continue
+        counts = block.by_repeat(problem.weight > 0.0)
+        for rows, time, rest in zip(counts, block.by_repeat(clock), block.by_repeat(error), strict=True):
+            if rows.any():
+                found.append((float(time[rows].mean()), float(rest[rows].mean()), block.name))
+    found.sort()
+    times, levels = np.array([one[:2] for one in found]).reshape(-1, 2).T
+    return times, levels - levels.mean() if len(levels) else levels, np.array([one[2] for one in found])
 
 
 def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | None:

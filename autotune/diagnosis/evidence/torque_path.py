@@ -314,7 +314,11 @@ def _ways_of_recording(problem: Problem) -> list[tuple[Problem, float]]:
         other = replace(one, adrift=law.adrift, asked=law.asked)
         other = replace(other.on_ticks(max(one.ticks, law.ticks), data.period), own_ticks=law.own_ticks)
         columns = replace(
-            as_recorded(told.data, other), clocked=data.clocked, certainty=data.certainty, load_in_twin=True
+            as_recorded(told.data, other),
+            clocked=data.clocked,
+            wander=data.wander,
+            certainty=data.certainty,
+            load_in_twin=True,
         )
         later = 0.5 * data.period * (recorded_late_by(one) - recorded_late_by(law))
         ways.append((_with(replace(prompt, controller=other), columns), late + later))
