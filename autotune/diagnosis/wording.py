@@ -536,7 +536,8 @@ def wander_note(data: Prepared) -> str:
     """How far the torque's level wanders by itself; nothing where it does not."""
     if data.wander is None:
         return ""
-    size = f"{data.wander.rms:.2g} {data.metadata.torque_unit}"
+    unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
+    size = f"{data.wander.rms:.2g} {unit}"
     return (
         f"The level of the torque wanders from experiment to experiment, whatever the motion (by {size} rms): a torque "
         "sensor's or an amplifier's zero, something that warms. It is no effect that repeats, and taken out."
