@@ -74,7 +74,7 @@ from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
-from autotune.models.table import EFFECTS
+from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_lag import TORQUE_LAG
 from autotune.models.torque_saturation import TORQUE_SATURATION
 
@@ -256,18 +256,27 @@ def _shaped_instead(state: SearchState, further: FittedCandidate) -> bool:
     """Whether the one effect of a lone recording by another course of its own predicts better than with a further one.
 
     Then it has that course, and what is left is looked for anew. Without repeats nothing tells how much an effect
-    should explain, so that its own law is never left for that; and what the law leaves takes a name of its own.
+    should explain, so that its own law is never left for that; and what the law leaves takes a name of its own. One
+    that looks like it (a weight beside a spring that hardens) must predict clearly better than the course.
     """
     chosen = state.chosen
     if state.evidence.repeats or chosen is None or len(chosen.model_fit.effects) > 1 or state.freed:
         return False
     shaped = state.shaped(chosen)
-    if shaped is None or shaped.model_fit.unseen.total >= further.model_fit.unseen.total:
+    if shaped is None or _predicts_more(state, shaped, further):
         state.freed.pop(chosen.effect, None)
         return False
     state.chosen = shaped
     state.seen.append(shaped.model_fit)
     return True
+
+
+def _predicts_more(state: SearchState, shaped: FittedCandidate, further: FittedCandidate) -> bool:
+    """Whether a further effect leaves no more of unseen stretches than a course; one that looks alike clearly less."""
+    gain, z = gain_and_z(shaped.model_fit.unseen, further.model_fit.unseen)
+    if further.effect not in usual_rivals(shaped.effect):
+        return gain >= 0.0
+    return gain >= state.problem.policy.clear_gain and z >= state.problem.policy.least_z_single
 
 
 def _shape_base(state: SearchState) -> None:

@@ -446,3 +446,20 @@ def test_the_level_of_a_chain_of_contacts_drifts_in_all_of_them(begun: Begun) ->
     assert column is not None
     rows = problem.training > 0
     assert np.corrcoef(plain[rows], column[rows])[0, 1] > 0.95
+
+
+def test_a_crumb_of_the_torque_says_of_no_axis_that_something_is_missing(begun: Begun) -> None:
+    """However quiet it is and however well its loop is known: the law of no base is the axis's to that."""
+    problem, model_fit = begun
+    assert problem.controller is not None
+    problem = replace(problem, controller=replace(problem.controller, exact=True))
+    crumb = 0.8 * problem.policy.least_part * problem.scales.torque
+    wave = np.zeros_like(model_fit.fitted.error)
+    for block in problem.data.blocks:
+        shape = np.sin(np.arange(block.count) / 15.0)
+        wave[block.rows] = np.tile(crumb * shape / np.std(shape), block.repeats)
+    quiet = replace(model_fit, fitted=replace(model_fit.fitted, error=wave))
+    loud = replace(model_fit, fitted=replace(model_fit.fitted, error=2.0 * wave))
+    assert not RepeatedProgramme().structure_left(problem, quiet)
+    assert RepeatedProgramme()._structured(problem, quiet, crumbs=True)
+    assert RepeatedProgramme().structure_left(problem, loud)

@@ -814,3 +814,47 @@ def test_what_explains_most_by_a_form_of_its_own_stands_beside_elements(
     gap = SimpleNamespace(effect="backlash", named=False, share=share)
     found = facts._rivals(None, None, None, named, [named, gap])  # type: ignore[arg-type]
     assert found == (["backlash"] if beside else [])
+
+
+@pytest.mark.parametrize(
+    ("veto", "named", "share", "told"),
+    [
+        (True, True, 0.9, 0.7),
+        (True, False, 0.9, 0.7),  # by another law of its own: led on from there
+        (True, False, 0.4, -0.5),
+        (False, False, 0.9, 0.3),
+        (False, False, 0.4, -0.5),
+    ],
+)
+def test_what_the_fastest_experiment_alone_shows_is_told_by_the_veto_or_its_way_back(
+    monkeypatch: pytest.MonkeyPatch, veto: bool, named: bool, share: float, told: float
+) -> None:
+    """A motor that saturates there gained -0.58 while that was held out, and explained 0.89 of the veto."""
+    monkeypatch.setattr(rounds, "gain_on_veto", lambda *_: 0.7)
+    monkeypatch.setattr(rounds, "gain_by_way_back", lambda *_: (0.3, 5.0))
+    problem, explains = SimpleNamespace(policy=POLICY, has_veto=veto), SimpleNamespace(share=share)
+    best = SimpleNamespace(
+        model_fit=None, named=named, gain=-0.5, veto=explains if veto else None, training=explains
+    )
+    assert rounds._gain_where_one_tells(problem, None, best) == told
+
+
+@pytest.mark.parametrize(
+    ("further", "left", "shaped"),
+    [
+        ("gravity_imbalance", 0.99, True),  # a weight beside a spring that hardens: its law differs
+        ("gravity_imbalance", 0.8, False),
+        ("thermal_drift", 0.99, False),
+        ("thermal_drift", 1.01, True),
+    ],
+)
+def test_what_looks_like_an_effect_must_predict_clearly_better_than_a_course_of_it(
+    further: str, left: float, shaped: bool
+) -> None:
+    def one(effect: str, chunks: np.ndarray) -> SimpleNamespace:
+        return SimpleNamespace(effect=effect, model_fit=SimpleNamespace(unseen=Unseen(chunks)))
+
+    chunks = 1.0 + 0.1 * np.random.default_rng(1).random(40)
+    state = SimpleNamespace(problem=SimpleNamespace(policy=POLICY))
+    beside = one(further, left * chunks)
+    assert search._predicts_more(state, one("spring", chunks), beside) is not shaped

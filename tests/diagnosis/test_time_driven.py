@@ -184,7 +184,7 @@ def test_a_twin_is_shaken_by_what_was_taken_out() -> None:
     """A torque that the motion lacks by c acted as -c."""
     hum = Clocked(50.0, 0.01, 0.0, 0.0)
     data = SimpleNamespace(
-        reference=np.zeros(100), torque=np.zeros(100), period=1e-3, shift=0.0, clocked=(hum,)
+        reference=np.zeros(100), torque=np.zeros(100), period=1e-3, shift=0.0, clocked=(hum,), wander=None
     )
     torque, position = shaken(data, STILL, np.random.default_rng(1))
     assert torque == pytest.approx(-0.01 * np.sin(2.0 * np.pi * 50.0 * 1e-3 * np.arange(100)))

@@ -139,16 +139,17 @@ class RepeatedProgramme(Evidence):
         if kind.in_transmission and _told_by_shaking(problem, before) < problem.policy.partly * plain:
             return False
         explains = all(part.plain_share >= problem.policy.partly for part in parts)
-        return not (explains and self._structured(problem, before))
+        return not (explains and self._structured(problem, before, crumbs=True))
 
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """What comes again beyond doubt, in more than replicas that lack nothing have of it; or a level that drifts.
 
-        Not what is next to nothing beside the noise, nor what a bristle's stretch at a rest makes.
+        Not what is next to nothing beside the noise or the torque, however well the loop is known: no base has its law
+        to that. Nor what a bristle's stretch at a rest makes.
         """
         if drift(problem, model_fit.fitted, model_fit.correction, TRAINING)[0] > 0.0:
             return True
-        return self._structured(problem, model_fit)
+        return self._structured(problem, model_fit, crumbs=False)
 
     def overlooked(
         self, problem: Problem, model_fit: ModelFit, first: Sequence[ScreenedCandidate]
@@ -158,23 +159,31 @@ class RepeatedProgramme(Evidence):
         """
         return halves_unseen(problem, model_fit, first)
 
-    def _structured(self, problem: Problem, model_fit: ModelFit) -> bool:
+    def _structured(self, problem: Problem, model_fit: ModelFit, crumbs: bool) -> bool:
         """Whether more comes again than replicas have of it, without what a stretch of its own at each rest makes."""
         rests = rests_of(problem, model_fit.fitted.packed)
         seen = _shared(problem, model_fit.correction, model_fit.fitted.error, rests)
-        if not math.isfinite(seen.variance) or not self._left(problem, model_fit, seen, []):
+        if not math.isfinite(seen.variance) or not self._left(problem, model_fit, seen, [], crumbs):
             return False
         replicas = _replicas(problem, model_fit, rests)
-        return len(replicas) < FEW or self._left(problem, model_fit, seen, replicas)
+        return len(replicas) < FEW or self._left(problem, model_fit, seen, replicas, crumbs)
 
     def _left(
-        self, problem: Problem, model_fit: ModelFit, seen: _Shared, replicas: Sequence[_Shared]
+        self,
+        problem: Problem,
+        model_fit: ModelFit,
+        seen: _Shared,
+        replicas: Sequence[_Shared],
+        crumbs: bool,
     ) -> bool:
-        """Whether the mean of all experiments, or one of them, shares more than chance, counts and replicas do."""
+        """Whether the mean of all experiments, or one of them, shares more than chance, counts and replicas do.
+
+        `crumbs`: where the loop is known to rounding, also less than measurement chains of others leave.
+        """
         policy, rest = problem.policy, model_fit.fitted.error
         noise = problem.noise_variance(rest, TRAINING)
         least = policy.structure_part * noise if _exact(problem) else _of_the_chain(problem, rest, noise)
-        if problem.controller is None or not problem.controller.exact:
+        if not crumbs or problem.controller is None or not problem.controller.exact:
             least = max(least, (policy.least_part * problem.scales.torque) ** 2)
         counts, scatter = problem.comes_by_counts(TRAINING)
         error = math.sqrt(max(scatter**2, PAIRS * seen.error**2) - (PAIRS - 1.0) * seen.error**2)
