@@ -121,12 +121,12 @@ def _normal(problem: Problem, columns: Floats, rows: Integers | slice) -> Floats
 
 
 def _ridge(inner: Floats) -> Floats:
-    return 1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner))
+    return np.asarray(1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner)))
 
 
 def _variance(part: Floats, inner: Floats) -> Floats:
     """Of the answers to a fit with such normal equations, over that of a row's noise, shape (m,)."""
-    return np.einsum("ij,ji->i", part, np.linalg.solve(inner + _ridge(inner), part.T))
+    return np.asarray(np.einsum("ij,ji->i", part, np.linalg.solve(inner + _ridge(inner), part.T)))
 
 
 def _rests_unseen(

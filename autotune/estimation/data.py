@@ -109,7 +109,7 @@ class Wander:
 
     def torque(self, data: Prepared) -> Floats:
         """Sample by sample, shape (n,)."""
-        return np.interp(data.period * np.arange(len(data.torque)), self.times, self.levels)
+        return np.asarray(np.interp(data.period * np.arange(len(data.torque)), self.times, self.levels))
 
 
 MOST_OF_A_LINE = 2.0**16

@@ -239,9 +239,9 @@ def compared_motion(data: Prepared, run: Simulated) -> Motion:
 
 def clockless(data: Prepared, torque: Floats) -> Floats:
     """A torque without what follows the clock, and without its level's wandering, shape (n,)."""
-    for one in data.clocked if data.wander is None else (*data.clocked, data.wander):
+    for one in data.clocked:
         torque = torque - one.torque(data)
-    return torque
+    return torque if data.wander is None else torque - data.wander.torque(data)
 
 
 def raw_residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
