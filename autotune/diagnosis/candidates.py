@@ -298,7 +298,7 @@ def predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool
 
 
 def gain_by_way_back(problem: Problem, before: ModelFit, after: ModelFit) -> tuple[float, float]:
-    """Gain and z on ways that were not fitted, each of which the way back tells; nothing where others speak against it.
+    """Gain and z on ways held out, each told by its way back; (0, 0) where other experiments speak against it.
 
     A place, a speed, a torque may be reached in one experiment only, of which others say nothing.
     """

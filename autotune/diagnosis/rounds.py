@@ -540,10 +540,11 @@ def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidat
 
 
 def _gain_where_one_tells(problem: Problem, before: ModelFit, best: FittedCandidate) -> float:
-    """The gain of an effect that one experiment alone shows; what others say where nothing else does.
+    """The gain of an effect that one experiment alone may show: on the veto trajectory, or by its way back.
 
-    A motor that saturates at the fastest experiment's torque is predicted by no other, however much it explains. On the
-    veto trajectory it must explain most of the error; where there is none, each way must be told by the way back.
+    A motor that saturates at the fastest experiment's torque is predicted by no other, however much it explains. Of the
+    veto it must explain half; where there is none, each way must be told by the way back, beyond chance, and half of
+    the training be explained. Else its gain stays that of experiments held out.
     """
     policy, after = problem.policy, best.model_fit
     if problem.has_veto:
