@@ -550,8 +550,10 @@ def _gain_where_one_tells(problem: Problem, before: ModelFit, best: FittedCandid
     if problem.has_veto:
         told = best.named or (best.veto is not None and best.veto.share >= policy.partly)
         return gain_on_veto(problem, before, after) if told else best.gain
+    if best.training.share < policy.partly:
+        return best.gain
     gain, z = gain_by_way_back(problem, before, after)
-    return gain if best.training.share >= policy.partly and policy.no_chance(gain, z) else best.gain
+    return gain if policy.no_chance(gain, z) else best.gain
 
 
 def _worth_at_its_best(state: SearchState, best: FittedCandidate) -> FittedCandidate | None:

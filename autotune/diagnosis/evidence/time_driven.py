@@ -1,7 +1,8 @@
-"""What follows the clock, not the motion: one frequency in every experiment, of a torque or of the friction's level.
+"""What goes by time, not by the motion: one frequency in every experiment, of a torque or of the friction's level.
 
 Repeats of a trajectory do not start in the phase of it, so that it looks like noise; but its phase runs on through
-all experiments. And what follows the lines of the encoder's scale: the error of a reading that is interpolated.
+all experiments. A level of the torque that wanders, which repeats played one after the other share. And what follows
+the lines of the encoder's scale: the error of a reading that is interpolated.
 """
 
 from __future__ import annotations
@@ -155,20 +156,18 @@ def without_wander(problem: Problem, packed: Packed, error: Floats) -> Problem |
     steps, same = np.diff(levels) ** 2, names[1:] == names[:-1]
     if min(np.count_nonzero(same), np.count_nonzero(~same)) < FEWEST_EXPERIMENTS - 1:
         return None
-    variance, within, across = (
-        float(np.var(levels)),
-        float(np.mean(steps[same])),
-        float(np.mean(steps[~same])),
-    )
+    variance = float(np.var(levels))
+    within, across = (float(steps[pairs].mean()) for pairs in (same, ~same))
     goes_on = across <= GOES_ON * 2.0 * variance and across <= ALIKE_STEPS * within
     if not goes_on or variance < problem.policy.structure_part * problem.noise_variance(error, TRAINING):
         return None
     before = 0.0 if data.wander is None else np.interp(times, data.wander.times, data.wander.levels)
-    return _by_time(problem, packed, replace(data, wander=Wander(times, before + levels)))
+    wander = Wander(times, before + levels - levels.mean())  # the mean is the base's offset
+    return _by_time(problem, packed, replace(data, wander=wander))
 
 
 def _levels(problem: Problem, error: Floats) -> tuple[Floats, Floats, NDArray[np.str_]]:
-    """Time [s], level and experiment of every repeat in the order of time, shape (k,) each; the levels' mean is 0."""
+    """Time [s], level and experiment of every repeat in the order of time, shape (k,) each."""
     clock, found = _clock(problem), []
     for block in problem.data.blocks:
         if block.role not in (TRAINING, VETO) or block.repeats < 2:
@@ -179,7 +178,7 @@ def _levels(problem: Problem, error: Floats) -> tuple[Floats, Floats, NDArray[np
                 found.append((float(time[rows].mean()), float(rest[rows].mean()), block.name))
     found.sort()
     times, levels = np.array([one[:2] for one in found]).reshape(-1, 2).T
-    return times, levels - levels.mean() if len(levels) else levels, np.array([one[2] for one in found])
+    return times, levels, np.array([one[2] for one in found])
 
 
 def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | None:
