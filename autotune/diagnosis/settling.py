@@ -418,7 +418,7 @@ def _first_exchanged(state: SearchState, chosen: FittedCandidate) -> FittedCandi
             continue
         left = [error_left(state.problem, one.model_fit) for one in (other, chosen)]
         if left[0] < left[1]:  # the one that it takes the place of stays a rival: a fit of the last round
-            chosen = replace(other, effect=chosen.effect)
+            chosen, first = replace(other, effect=chosen.effect), item.effect
     return chosen
 
 
