@@ -160,14 +160,20 @@ class Backward:
             return not less.named
         return gain_on_veto(self.problem, less.model_fit, chosen.model_fit) >= self.problem.policy.partly
 
-    def exchanged(self, chosen: FittedCandidate, later: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+    def exchanged(
+        self,
+        chosen: FittedCandidate,
+        later: Sequence[FittedCandidate],
+        first: Sequence[FittedCandidate] = (),
+    ) -> list[FittedCandidate]:
         """Of several effects, what may stand for one of them beside the others: fitted to what is compared now.
 
-        `later`: fits of the rounds in which the others were chosen. What has no name stands for none that has one.
+        `later`: fits of the rounds in which the others were chosen. What has no name stands for none that has one; but
+        for those of the `first` round, in which the others were missing.
         """
         again = []
-        for item in later:
-            other = self._in_place(chosen, item) if item.named or not chosen.named else None
+        for item in (*(one for one in later if one.named or not chosen.named), *first):
+            other = self._in_place(chosen, item)
             if other is not None and other.model_fit.fitted.cost <= RIVAL_COST * chosen.model_fit.fitted.cost:
                 again.append(refined(self.problem, self.root, other, self.progress))
         return again

@@ -738,7 +738,7 @@ def _in_place(state: SearchState) -> list[FittedCandidate]:
     if state.chosen is None:
         return []
     chosen, again = state.chosen, []
-    for item in _backward(state).exchanged(chosen, state.later):
+    for item in _backward(state).exchanged(chosen, state.later, _like_the_first(state, chosen)):
         lost = set(chosen.model_fit.effects) - set(item.model_fit.effects)
         if len(lost) == 1 and state.evidence.explains_rest_of(state.problem, chosen, item):
             shaped = state.shaped(item)
@@ -747,6 +747,20 @@ def _in_place(state: SearchState) -> list[FittedCandidate]:
         again.append(item)
     state.chosen = chosen
     return again
+
+
+def _like_the_first(state: SearchState, chosen: FittedCandidate) -> list[FittedCandidate]:
+    """What looks like the first of several effects, and came near it while the others were missing.
+
+    A weight over a part of a turn stays the rival of a spring when a drift is found beside it.
+    """
+    first, policy = chosen.model_fit.effects[0], state.problem.policy
+    known = next((one for one in state.tried if one.effect == first), None)
+    if known is None or len(chosen.model_fit.effects) < 2:
+        return []
+    alike = set(usual_rivals(first)) - set(chosen.model_fit.effects)
+    least = policy.rival_gain * known.gain
+    return [one for one in state.tried if one.effect in alike and one.gain >= least]
 
 
 def _leaves_less(state: SearchState, one: FittedCandidate, other: FittedCandidate) -> bool:

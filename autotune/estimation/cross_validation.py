@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -19,7 +19,7 @@ from autotune.estimation.coordinates import (
     travel_since_reversal,
     without_rests,
 )
-from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.data import TRAINING, VETO, Block
 from autotune.estimation.least_squares import DIFFERENCE, Fitted
 from autotune.estimation.problem import Correction, Problem
 from autotune.estimation.residual import residual
@@ -233,47 +233,64 @@ def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -
 
 @dataclass(frozen=True, slots=True)
 class _Level:
-    """By how much a friction level differs between the first repeat and the last, relative; 0 where by chance.
+    """By how much a friction level differs between the first repeat of each experiment and the last.
 
     Attributes:
-        z: of that; power: mean square of the level [(N m)²].
+        slopes: relative, by experiment with repeats, in the order of its rows; 0 where by chance.
+        z: of one slope of all experiments; variance: that the levels explain [(N m)²].
     """
+
+    slopes: tuple[float, ...]
+    z: float
+    variance: float
+
+
+class _Differs(NamedTuple):
+    """How the last repeats of experiments differ from the first along a friction level's sensitivity."""
 
     slope: float
     z: float
-    power: float
+    share: float
 
-    @property
-    def variance(self) -> float:
-        """That it explains [(N m)²]."""
-        return 0.25 * self.slope**2 * self.power
+
+def _differs(difference: Floats, level: Floats) -> _Differs:
+    """By arrays of shape (m,); all 0 where friction has no share in it."""
+    power = float(level @ level)
+    if power <= 0.0:
+        return _Differs(0.0, 0.0, 0.0)
+    slope = float(level @ difference) / power
+    rest = difference - slope * level
+    z = slope / max(math.sqrt(float(rest @ rest) / len(difference) * 4.0 / power), 1e-300)
+    return _Differs(slope, z, 1.0 - float(rest @ rest) / max(float(difference @ difference), 1e-300))
 
 
 def _level_between(problem: Problem, error: Floats, column: Floats | None, role: str) -> _Level:
-    """By an error and the sensitivity to friction, both of shape (m,); None where that was not fitted."""
-    differences, levels = [], []
-    if column is None:
-        return _Level(0.0, 0.0, 0.0)
-    for block in problem.data.blocks:
-        if block.role != role or block.repeats < 2:
-            continue
-        table = block.by_repeat(error)
-        level = block.by_repeat(column)
-        differences.append(table[-1] - table[0])
-        levels.append(0.5 * (level[-1] + level[0]))
+    """By an error and the sensitivity to friction, both of shape (m,); None where that was not fitted.
+
+    One slope for all experiments, where it is no chance. Else each has its own, if that is half of what differs between
+    its repeats: an axis that warms while the first is played, and hardly after it, differs in none of the others.
+    """
+    policy, differences, levels = problem.policy, [], []
+    for block in _repeated(problem, role) if column is not None else ():
+        table, level = block.by_repeat(error), block.by_repeat(np.asarray(column))
+        differences.append(np.asarray(table[-1] - table[0]))
+        levels.append(np.asarray(0.5 * (level[-1] + level[0])))
     if not differences:
-        return _Level(0.0, 0.0, 0.0)
-    d, x = np.concatenate(differences), np.concatenate(levels)
-    power = float(x @ x)
-    if power <= 0.0:
-        return _Level(0.0, 0.0, 0.0)
-    slope = float(x @ d) / power
-    rest = d - slope * x
-    z = slope / max(math.sqrt(float(rest @ rest) / len(d) * 4.0 / power), 1e-300)
-    share = 1.0 - float(rest @ rest) / max(float(d @ d), 1e-300)
-    if abs(z) < problem.policy.drift_z or share < problem.policy.drift_part:
-        slope = 0.0
-    return _Level(slope, z, power / len(d))
+        return _Level((), 0.0, 0.0)
+    together = _differs(np.concatenate(differences), np.concatenate(levels))
+    if abs(together.z) >= policy.drift_z and together.share >= policy.drift_part:
+        slopes = (together.slope,) * len(levels)
+    else:
+        alone = [_differs(one, level) for one, level in zip(differences, levels, strict=True)]
+        counts = [abs(one.z) >= policy.drift_z and one.share >= policy.partly for one in alone]
+        slopes = tuple(one.slope if is_one else 0.0 for one, is_one in zip(alone, counts, strict=True))
+    power = sum(slope**2 * float(level @ level) for slope, level in zip(slopes, levels, strict=True))
+    return _Level(slopes, together.z, 0.25 * power / sum(len(level) for level in levels))
+
+
+def _repeated(problem: Problem, role: str) -> list[Block]:
+    """Experiments of a role that were played more than once."""
+    return [block for block in problem.data.blocks if block.role == role and block.repeats > 1]
 
 
 def _of_drift(problem: Problem, error: Floats, column: Floats | None, role: str) -> float:
@@ -282,13 +299,12 @@ def _of_drift(problem: Problem, error: Floats, column: Floats | None, role: str)
     A disturbance that was estimated beside a model without it has it too, as the slowest of its colours.
     """
     found = _level_between(problem, error, column, role)
-    if column is None or found.slope == 0.0:
+    if column is None or found.variance == 0.0:
         return 0.0
     level = error.copy()
-    for block in problem.data.blocks:
-        if block.role == role and block.repeats > 1:
-            late = np.linspace(-0.5, 0.5, block.repeats)[:, None]
-            level[block.rows] -= (found.slope * late * block.by_repeat(column)).ravel()
+    for block, slope in zip(_repeated(problem, role), found.slopes, strict=True):
+        late = np.linspace(-0.5, 0.5, block.repeats)[:, None]
+        level[block.rows] -= (slope * late * block.by_repeat(column)).ravel()
     return problem.noise_variance(error, role) - problem.noise_variance(level, role)
 
 
