@@ -23,7 +23,7 @@ from autotune.models.contact import (
 from autotune.models.encoder_eccentricity import IS_ECCENTRIC, true_motion
 from autotune.models.lanes import along, anywhere, side_by_side
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
-from autotune.models.load_dependent_friction import IS_PRESSED, press
+from autotune.models.load_dependent_friction import IS_PRESSED, press, transmitted
 from autotune.models.plant import MOST_SUBSTEPS, rubbing
 from autotune.models.reversal_memory import (
     ATTRACTION,
@@ -162,7 +162,7 @@ def required(
             passed, heat = _load_side(p, on, state, between, q, v, period, substeps)
         torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed
         if on[IS_PRESSED]:
-            press(p, state, passed if loaded else p[INERTIA] * a + outside, friction, period)
+            press(p, state, passed if loaded else transmitted(p, p[INERTIA] * a + outside), friction, period)
         if on[WARMS]:
             warm(p, state, friction * v + heat, period)
 

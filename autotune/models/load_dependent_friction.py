@@ -1,7 +1,8 @@
 """Friction that grows with the torque transmitted: level + factor·|J·q'' + load + share·friction|.
 
 The transmitted torque presses the contacts; it is smoothed over a millisecond. Between two masses it is what passes to
-the load, beside the motor's friction. `friction_share` says on which side of the friction the pressed contact sits: 0
+the load, beside the motor's friction. A constant torque is part of it where it is a weight's, and no part where it is
+an amplifier's or a sensor's own (`offset_apart`). `friction_share` says on which side of the friction the pressed contact sits: 0
 at the load, 1 at the motor, which drives friction too; below 0 friction is higher while braking than while driving.
 
 By another law it grows with a power of that torque, and from a preload on: factor·typical·((T − preload)/typical)ⁿ.
@@ -18,7 +19,8 @@ from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter, part_that_stiffens
 from autotune.models.lanes import anywhere, where
-from autotune.models.layout import block, flag, state_block
+from autotune.models.layout import OFFSET, block, flag, state_block
+from autotune.models.load_side import hangs
 from autotune.models.look_alikes import IN_TORQUE
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first, stiffer
 
@@ -26,6 +28,7 @@ _AT = block("load_dependent_friction")
 PRESSED = state_block("load_dependent_friction")
 IS_PRESSED = flag("load_dependent_friction")
 _STIFFENS = _AT + 5
+_OFFSET_APART = _AT + 6
 SMOOTHING = 1e-3  # s
 
 
@@ -47,6 +50,12 @@ def stiffening(p: Floats, state: Floats, velocity: float) -> float:
 
 
 @compiled
+def transmitted(p: Floats, torque: float) -> float:
+    """Of the torque beyond a rigid axis's friction what passes through the contacts [N m]."""
+    return torque - p[_OFFSET_APART] * p[OFFSET]
+
+
+@compiled
 def press(p: Floats, state: Floats, torque: float, friction: float, duration: float) -> None:
     """Presses the contacts with the torque transmitted, `friction` beside what the load takes."""
     passed = abs(torque + p[_AT + 1] * friction)
@@ -54,23 +63,23 @@ def press(p: Floats, state: Floats, torque: float, friction: float, duration: fl
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """The contact at the load, at the motor, and one that is pressed more while braking."""
+    """The contact at the load, at the motor, and one that is pressed more while braking; by a constant torque or not."""
+    free = {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4)}
+    factor = at_first(0.03, c.left / c.torque)
     for share in (0.0, 1.0, -0.5):
-        yield StartValues(
-            {"factor": at_first(0.03, c.left / c.torque), "friction_share": share},
-            {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4)},
-        )
+        yield StartValues({"factor": factor, "friction_share": share}, free)
+    if hangs(c):
+        yield StartValues({"factor": factor, "friction_share": 0.0, "offset_apart": 1.0}, free)
 
 
 def free_shape(c: StartContext) -> StartValues:
-    """Any power of the torque, from any preload on."""
-    return StartValues(
-        {"typical": 0.5 * c.largest_torque, "exponent": 1.001},
-        {
-            "exponent": Vary(0.3, 0.3),
-            "preload": Vary(0.05 * c.largest_torque, 0.1 * c.largest_torque, upper=0.7 * c.largest_torque),
-        },
-    )
+    """Any power of the torque, from any preload on, a part of a constant torque in it."""
+    free = {
+        "exponent": Vary(0.3, 0.3),
+        "preload": Vary(0.05 * c.largest_torque, 0.1 * c.largest_torque, upper=0.7 * c.largest_torque),
+    }
+    apart = {"offset_apart": Vary(0.3, 0.5)} if hangs(c) else {}
+    return StartValues({"typical": 0.5 * c.largest_torque, "exponent": 1.001}, free | apart)
 
 
 LOAD_DEPENDENT_FRICTION = Kind(
@@ -84,6 +93,10 @@ LOAD_DEPENDENT_FRICTION = Kind(
         ),
         Parameter("preload", "N m", 0.0, 0.0, 1e9, "torque from which on it grows", _AT + 4, True),
         part_that_stiffens(_STIFFENS),
+        Parameter(
+            "offset_apart", "1", 0.0, 0.0, 1.0, "share of the offset that does not pass", _OFFSET_APART, True,
+            whole=True,
+        ),  # fmt: skip
     ),
     looks_like="Friction is higher while the axis accelerates, brakes or carries a load.",
     cause="Worm and screw drives, gears and nuts whose flanks are pressed by what they transmit.",

@@ -26,7 +26,7 @@ from autotune.models.contact import (
 from autotune.models.encoder_eccentricity import IS_ECCENTRIC, reading_error
 from autotune.models.lanes import along, anywhere, shared_or_beside, side_by_side, where
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
-from autotune.models.load_dependent_friction import IS_PRESSED, press
+from autotune.models.load_dependent_friction import IS_PRESSED, press, transmitted
 from autotune.models.reversal_memory import (
     DAMPING,
     ELEMENT_STATES,
@@ -93,7 +93,8 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
     state[POSITION] = position + 0.5 * step * (velocity + later)
     state[VELOCITY] = later
     if on[IS_PRESSED]:
-        press(p, state, p[INERTIA] * (later - velocity) / step + outside, friction, step)
+        passed = transmitted(p, p[INERTIA] * (later - velocity) / step + outside)
+        press(p, state, passed, friction, step)
     if on[WARMS]:
         warm(p, state, friction * later, step)
 
