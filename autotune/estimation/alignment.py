@@ -31,7 +31,7 @@ import scipy
 from autotune.core.arrays import Flags, Floats
 from autotune.estimation.data import Prepared, Stretch, known_resolution, stretches_of
 from autotune.estimation.policy import POLICY
-from autotune.estimation.residual import smoothed
+from autotune.estimation.residual import acted, smoothed
 from autotune.recordings.recording import Recording
 
 CURRENT_LOOP = 0.45e-3
@@ -118,6 +118,7 @@ def best_shift(
     earliest, latest = upsampling * EARLIEST, upsampling * farthest
     if start > latest:
         latest = start + upsampling * ACAUSAL
+    earliest = min(earliest, start)
     known: dict[float, float] = {}
 
     def at(shift: float) -> float:
@@ -192,7 +193,7 @@ def later(recording: Recording, rows: float) -> Recording:
 def half_a_sample_later(data: Prepared) -> Floats:
     """What an error changes by where the torque acts half a sample later than it is taken to, on the grid, (m,)."""
     change = shifted(data, data.shift - 1.0).torque - data.torque
-    return smoothed(data, np.concatenate([change[:1], 0.5 * (change[1:] + change[:-1])]))
+    return smoothed(data, acted(change))
 
 
 def behind_current_loop(data: Prepared, time_constant: float, stages: int = 1) -> Prepared:
@@ -331,8 +332,6 @@ def linear_fit(data: Prepared, rows: Flags, loaded: bool = False) -> tuple[Float
     Shapes (4,), (r,), (r,). A spring and a weight stand beside them where much is left that they explain; and friction
     that grows with the torque of inertia where they are `loaded`.
     """
-    torque = data.torque
-    acted = np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
     table = np.column_stack(
         [
             smoothed(data, data.acceleration),
@@ -341,7 +340,7 @@ def linear_fit(data: Prepared, rows: Flags, loaded: bool = False) -> tuple[Float
             np.ones(len(data.grid)),
         ]
     )
-    target, table = smoothed(data, np.ascontiguousarray(acted))[rows], table[rows]
+    target, table = smoothed(data, acted(data.torque))[rows], table[rows]
     gains, left = _solved(table, target)
     if loaded or left @ left > LARGE * float(np.sum((target - target.mean()) ** 2)):
         columns = [table, _of_place(data)[rows]]

@@ -56,7 +56,7 @@ from autotune.estimation.controller_search import (
     plain_in_band,
     plainly_better,
 )
-from autotune.estimation.data import Prepared, known_resolution, step_of, stretches_of
+from autotune.estimation.data import Prepared, known_resolution, read_without, step_of, stretches_of
 from autotune.estimation.disturbance import positions_read
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.twin_runs import slower, slower_in
@@ -257,6 +257,18 @@ def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     return _as_asked(taken, found) if found.asked > 0.0 and found.ticks > 1 else taken
 
 
+def recorded_again(now: Prepared, data: Prepared, law: PositionController) -> Prepared:
+    """Data as a law has their torque, with all that was told since of those that are compared `now`."""
+    again = replace(
+        as_recorded(data, law),
+        clocked=now.clocked,
+        wander=now.wander,
+        certainty=now.certainty,
+        load_in_twin=True,
+    )
+    return again if now.reading is None else read_without(again, now.reading)
+
+
 def recorded_late_by(law: PositionController) -> float:
     """Half samples by which a torque is recorded late that acts from each sample to the next, as it is compared."""
     return 0.0 if law.read_off else RECORDED_LATE[law.taken]
@@ -363,9 +375,11 @@ def as_wanted(data: Prepared, law: PositionController) -> Prepared:
     off = data.recorded_torque - asked(recorded, law)
     held = clamped(data.recorded_torque, data.metadata.torque_limit)
     for stretch in data.stretches:
-        runs = np.cumsum(held[stretch.rows])
-        count = np.maximum(np.bincount(runs), 1)
-        off[stretch.rows] -= (np.bincount(runs, off[stretch.rows]) / count)[runs]
+        free = ~held[stretch.rows]
+        runs = np.cumsum(~free)
+        count = np.maximum(np.bincount(runs, free), 1)
+        off[stretch.rows] -= (np.bincount(runs, free * off[stretch.rows]) / count)[runs]
+    off[held] = 0.0
     torque = data.recorded_torque - np.clip(off, -0.5 * step, 0.5 * step)
     return shifted(replace(data, recorded_torque=torque), data.shift)
 

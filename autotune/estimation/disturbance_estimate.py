@@ -131,7 +131,7 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
         return STILL
     data = problem.data
     jitter = jitter_of(data.measured, [stretch.rows for stretch in data.stretches], data.period)
-    heard = problem.runs.heard(data, problem.controller, _asked_late)
+    heard = problem.runs.heard(data, problem.controller, asked_late)
     # where rows are late, what their positions would have asked for is no torque; the slowest chunks hold least of it
     share = QUIETEST if jitter > 0.0 else 0.5
     sensor = float(np.sqrt(np.quantile(np.var(chunks.of(heard), axis=1), share)))
@@ -161,7 +161,7 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
     return replace(found, sensor=sensor, uneven=_unevenness(measured, simulated))
 
 
-def _asked_late(data: Prepared, law: PositionController) -> Floats:
+def asked_late(data: Prepared, law: PositionController) -> Floats:
     """What a law asks for, behind the current loop that the recorded torque was put behind, shape (n,)."""
     wanted = moved_later(data, asked(behind_current_loop(data, 0.0), law), acted_late(data, law))
     return followed_late(data, wanted, data.lag)
@@ -213,7 +213,10 @@ def _shaken(
         run = replace(run, torque=run.torque + heard)
     raw = raw_residual(data, packed, compared_motion(data, run))
     own = raw.copy()
-    own[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
+    shaking = run.disturbance - clockless(
+        data, np.zeros(len(run.disturbance))
+    )  # neither has what the clock makes
+    own[1:] += 0.5 * (shaking[1:] + shaking[:-1])
     return chunks.power(raw), chunks.power(own)
 
 

@@ -33,16 +33,21 @@ from autotune.estimation.contact_start import LEAST_ROWS, BaseTold, begun_contac
 from autotune.estimation.controller import (
     as_acted,
     as_recorded,
-    asked,
     controllers_of,
     find_controller,
+    recorded_again,
 )
 from autotune.estimation.controller_between import AS_MUCH, TICK
 from autotune.estimation.controller_law import NEXT, PositionController
 from autotune.estimation.controller_search import PIECE_SECONDS
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
-from autotune.estimation.disturbance_estimate import estimate_disturbance, with_counts, with_expected_noise
+from autotune.estimation.disturbance_estimate import (
+    asked_late,
+    estimate_disturbance,
+    with_counts,
+    with_expected_noise,
+)
 from autotune.estimation.least_squares import Fitted, followed, followed_within
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
@@ -53,7 +58,7 @@ from autotune.estimation.problem import (
     refit,
     without_outlying,
 )
-from autotune.estimation.residual import measured_motion, residual, smoothed
+from autotune.estimation.residual import acted, measured_motion, residual, smoothed
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.signals.chunks import CHUNK
@@ -162,9 +167,7 @@ def with_misfit(problem: Problem) -> Problem:
         or data.recorded_torque is data.sensed
     ):
         return replace(problem, misfit=None)
-    heard = data.torque - asked(data, law)
-    heard[1:] = 0.5 * (heard[1:] + heard[:-1])
-    misfit = smoothed(data, heard)
+    misfit = smoothed(data, acted(data.torque - asked_late(data, law)))
     for block in data.blocks:
         rows = block.by_repeat(np.arange(len(misfit)))
         clock = data.grid[rows[0]] * data.period
@@ -295,7 +298,7 @@ def _least_left(
     plain: dict[tuple[object, ...], PlainFit] = {}
     best = _Least(laws[0], disturbance or STILL)
     for law in reversed(laws):
-        own = law if law.asked > 0.0 or law.stepped or law.held else None
+        own = law if law.asked > 0.0 or law.stepped or law.held or law.read_off else None
         key = law.in_band, law.taken, law.sensed, law.demanded, own
         if key not in plain:
             plain[key] = fitted(law)
@@ -357,13 +360,7 @@ def told_beside(problem: Problem, fitted: Fitted) -> Problem:
         return problem
 
     def beside(one: PositionController) -> PlainFit:
-        data = replace(
-            as_recorded(known.data, one),
-            clocked=problem.data.clocked,
-            wander=problem.data.wander,
-            certainty=problem.data.certainty,
-            load_in_twin=True,
-        )
+        data = recorded_again(problem.data, known.data, one)
         its = replace(problem, data=data, moved=measured_motion(data), controller=one)
         return PlainFit(its, its.until_trained(), replace(fitted, error=its.raw(fitted.packed)))
 

@@ -250,7 +250,7 @@ class Problem:
         return chunks
 
     def noise_variance(self, error: Floats, role: str, plain: bool = False) -> float:
-        """Variance that differs from repeat to repeat [(N m)²]; nan without repeats.
+        """Variance that differs from repeat to repeat [(N m)²]; nan without repeats of rows that count.
 
         Experiments count by their weight, or, where it is asked for `plain`, by their length only.
         """
@@ -263,10 +263,8 @@ class Problem:
             for block in self.data.blocks
             if block.role == role and block.repeats > 1
         ]
-        if not values:
-            return float("nan")
-        variances, counts = np.array(values).T
-        return float(np.average(variances, weights=counts))
+        variances, counts = np.array(values).reshape(-1, 2).T
+        return float(np.average(variances, weights=counts)) if counts.sum() > 0.0 else float("nan")
 
     def repeatable_by_block(self, error: Floats, correction: Correction, role: str) -> Floats:
         """Variance that comes again and variance that does not, of each repeated experiment [(N m)²], shape (b, 2)."""
@@ -344,7 +342,8 @@ class Problem:
         return np.asarray(self.weight * self.data.role(TRAINING))
 
     def has(self, role: str) -> bool:
-        return any(block.role == role for block in self.data.blocks)
+        """Whether any row of a role counts."""
+        return any(block.role == role and self._counts(block) for block in self.data.blocks)
 
     @property
     def has_veto(self) -> bool:
@@ -356,7 +355,12 @@ class Problem:
         return self._repeats(VETO)
 
     def _repeats(self, role: str) -> bool:
-        return any(block.role == role and block.repeats > 1 for block in self.data.blocks)
+        return any(
+            block.role == role and block.repeats > 1 and self._counts(block) for block in self.data.blocks
+        )
+
+    def _counts(self, block: Block) -> bool:
+        return bool(np.any(self.weight[block.rows] > 0.0))
 
 
 def led(data: Prepared) -> Prepared:

@@ -237,6 +237,11 @@ def compared_motion(data: Prepared, run: Simulated) -> Motion:
     return replace(moved, torque=clockless(data, moved.torque))
 
 
+def acted(torque: Floats) -> Floats:
+    """A torque that is held from each sample to the next, as it acted about each: shape (n,)."""
+    return np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
+
+
 def clockless(data: Prepared, torque: Floats) -> Floats:
     """A torque without what follows the clock, and without its level's wandering, shape (n,)."""
     for one in data.clocked:

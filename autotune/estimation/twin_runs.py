@@ -326,7 +326,10 @@ class Noise:
     def fits(self, data: Prepared, disturbance: Disturbance, counts: float) -> bool:
         """Whether it is what shakes the twin of these data."""
         same = disturbance is self.disturbance and counts == self._counts
-        return same and len(data.reference) == len(self._data.reference)
+        own = self._data
+        by_time = data.clocked == own.clocked and data.wander is own.wander
+        late = data.shift == own.shift or not data.clocked
+        return same and by_time and late and len(data.reference) == len(own.reference)
 
     def of(self, number: int) -> tuple[Floats, Floats]:
         """Torque and position noise of a run, shape (n,)."""

@@ -2,8 +2,9 @@
 
 The transmitted torque presses the contacts; it is smoothed over a millisecond. Between two masses it is what passes to
 the load, beside the motor's friction. A constant torque is part of it where it is a weight's, and no part where it is
-an amplifier's or a sensor's own (`offset_apart`). `friction_share` says on which side of the friction the pressed contact sits: 0
-at the load, 1 at the motor, which drives friction too; below 0 friction is higher while braking than while driving.
+an amplifier's or a sensor's own (`offset_apart`). `friction_share` says on which side of the friction the pressed
+contact sits: 0 at the load, 1 at the motor, which drives friction too; below 0 friction is higher while braking than
+while driving.
 
 By another law it grows with a power of that torque, and from a preload on: factor·typical·((T − preload)/typical)ⁿ.
 And what is pressed may be stiffer too (`stiffens`): the area of real contact carries friction and stiffness alike, and
@@ -30,6 +31,7 @@ IS_PRESSED = flag("load_dependent_friction")
 _STIFFENS = _AT + 5
 _OFFSET_APART = _AT + 6
 SMOOTHING = 1e-3  # s
+_BYPASSES = "share of the offset that does not pass"
 
 
 @compiled
@@ -63,7 +65,7 @@ def press(p: Floats, state: Floats, torque: float, friction: float, duration: fl
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """The contact at the load, at the motor, and one that is pressed more while braking; by a constant torque or not."""
+    """The contact at the load, at the motor, one that is pressed more while braking, and one that no offset presses."""
     free = {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4)}
     factor = at_first(0.03, c.left / c.torque)
     for share in (0.0, 1.0, -0.5):
@@ -93,10 +95,7 @@ LOAD_DEPENDENT_FRICTION = Kind(
         ),
         Parameter("preload", "N m", 0.0, 0.0, 1e9, "torque from which on it grows", _AT + 4, True),
         part_that_stiffens(_STIFFENS),
-        Parameter(
-            "offset_apart", "1", 0.0, 0.0, 1.0, "share of the offset that does not pass", _OFFSET_APART, True,
-            whole=True,
-        ),  # fmt: skip
+        Parameter("offset_apart", "1", 0.0, 0.0, 1.0, _BYPASSES, _OFFSET_APART, True, whole=True),
     ),
     looks_like="Friction is higher while the axis accelerates, brakes or carries a load.",
     cause="Worm and screw drives, gears and nuts whose flanks are pressed by what they transmit.",

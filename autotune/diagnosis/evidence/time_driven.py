@@ -28,7 +28,7 @@ from autotune.estimation.cross_validation import (
 from autotune.estimation.data import TRAINING, VETO, Clocked, Prepared, ReadingWave, Wander, read_without
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.problem import Problem
-from autotune.estimation.residual import measured_motion, residual, smoothed
+from autotune.estimation.residual import acted, measured_motion, residual, smoothed
 from autotune.models.drive_model import Packed
 from autotune.signals.periodic import period_of
 from autotune.signals.place_line import strongest_line
@@ -126,7 +126,7 @@ def without_clocked(problem: Problem, packed: Packed, error: Floats) -> Problem 
     if line is None or not line.steady:
         return None
     units = [Clocked(line.hertz, sine, cosine, data.shift) for sine, cosine in ((1.0, 0.0), (0.0, 1.0))]
-    terms = np.column_stack([smoothed(data, one.torque(data)) for one in units])
+    terms = np.column_stack([smoothed(data, acted(one.torque(data))) for one in units])
     rows = problem.training > 0
     sine, cosine = np.linalg.lstsq(terms[rows], error[rows], rcond=None)[0]
     found = Clocked(line.hertz, float(sine), float(cosine), data.shift, line.share)

@@ -26,12 +26,12 @@ from autotune.estimation.alignment import (
     shifted,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.controller import as_recorded, as_wanted, recorded_late_by
+from autotune.estimation.controller import as_wanted, recorded_again, recorded_late_by
 from autotune.estimation.controller_law import NEXT
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.least_squares import CORRELATED, Fitted, followed, standard_errors
 from autotune.estimation.problem import Problem, refit
-from autotune.estimation.residual import measured_motion, smoothed
+from autotune.estimation.residual import acted, measured_motion, smoothed
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.start_values import Vary
@@ -206,7 +206,7 @@ def _after_dead_time(problem: Problem, rows: float) -> Problem:
     delays = law.reference_delay + whole, law.position_delay + whole
     law = replace(law, reference_delay=delays[0], position_delay=delays[1], part_late=rows - whole)
     data = acting_later(problem.data, rows - whole)
-    return _with(replace(problem, controller=law), _acting_later(data, whole, data.cycles))
+    return _with(replace(problem, controller=law), _acting_later(data, whole, problem.data.cycles))
 
 
 def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
@@ -313,13 +313,7 @@ def _ways_of_recording(problem: Problem) -> list[tuple[Problem, float]]:
         known.add(one.taken)
         other = replace(one, adrift=law.adrift, asked=law.asked)
         other = replace(other.on_ticks(max(one.ticks, law.ticks), data.period), own_ticks=law.own_ticks)
-        columns = replace(
-            as_recorded(told.data, other),
-            clocked=data.clocked,
-            wander=data.wander,
-            certainty=data.certainty,
-            load_in_twin=True,
-        )
+        columns = recorded_again(data, told.data, other)
         later = 0.5 * data.period * (recorded_late_by(one) - recorded_late_by(law))
         ways.append((_with(replace(prompt, controller=other), columns), late + later))
     return ways
@@ -660,8 +654,7 @@ def _with(problem: Problem, data: Prepared) -> Problem:
 def _left(problem: Problem, model_fit: ModelFit, moved: Prepared) -> Floats:
     """Error with the torque moved and all parameters fitted again, linearised, shape (m,)."""
     change = moved.torque - problem.data.torque
-    acted = np.concatenate([change[:1], 0.5 * (change[1:] + change[:-1])])
-    error = model_fit.fitted.error + smoothed(problem.data, acted)
+    error = model_fit.fitted.error + smoothed(problem.data, acted(change))
     return followed(model_fit.fitted.jacobian, error, problem.training)
 
 
