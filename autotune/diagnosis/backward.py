@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -34,6 +36,8 @@ from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.problem import Problem
 from autotune.models.table import EFFECTS
 
+SAME_DATA = 1e-6
+"""Of the mean square of an error: by how much it may differ from what it was, by the order of sums."""
 PLAINLY_NEEDED = 20.0
 """Times what is negligible: so much needs no fit without the effect to be seen."""
 NO_CRUMB = 0.25
@@ -78,6 +82,7 @@ class Backward:
                 break
             rest = set(current.model_fit.effects) - {effect}
             known = [one for one in seen if set(one.effects) == rest and as_free(one, current.model_fit)]
+            known = [one for one in known if self._of_these_data(one)]
             far = not any(negligible(problem, current, model_fit, PLAINLY_NEEDED) for model_fit in known)
             told = all(self.borne_out(one, current.model_fit) for one in known)
             if known and far and told and current.named:
@@ -92,6 +97,14 @@ class Backward:
             ):
                 current = less
         return current
+
+    def _of_these_data(self, model_fit: ModelFit) -> bool:
+        """Whether a model was fitted to the torque as it is compared now, and not before that was moved."""
+        error = self.problem.raw(model_fit.fitted.packed) - model_fit.correction.bias
+        if error.shape != model_fit.fitted.error.shape:
+            return False
+        off = float(np.mean((error - model_fit.fitted.error) ** 2))
+        return off < SAME_DATA * float(np.mean(error**2))
 
     def _without(self, chosen: FittedCandidate, effect: str) -> FittedCandidate | None:
         self.progress(f"is {effect} needed")
@@ -184,8 +197,10 @@ class Backward:
         None where it stands for none of them, errs far more, or the twin is unstable.
         """
         own, effects = chosen.model_fit.effects, item.model_fit.effects
-        if len(own) < max(len(effects), 2) or len(set(effects) - set(own)) != 1:
+        new = set(effects) - set(own)
+        if len(own) < max(len(effects), 2) or len(new) != 1:
             return None
+        item = replace(item, effect=new.pop())
         if len(effects) < len(own):
             replaced = next(effect for effect in own if effect not in effects)
             self.progress(f"{item.effect} in the place of {replaced}")

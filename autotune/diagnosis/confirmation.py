@@ -174,7 +174,8 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
     if chosen is None:
         return found
     fits = found.exchanged if len(chosen.model_fit.effects) > 1 else found.tried
-    near = [item for item in fits if item.effect in rivals]
+    own = chosen.model_fit.effects
+    near = [item for item in fits if item.effect in rivals and item.model_fit.effects != own]
     if not near:
         return found
     errors = [(item, _pieces(others, item.model_fit)) for item in (chosen, *near)]
@@ -194,8 +195,8 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
     worse = {item.effect for item in behind}
     if best is not chosen and chosen.effect not in worse:  # better by chance
         return found
-    own = {effect for item in behind for effect in set(best.model_fit.effects) - set(item.model_fit.effects)}
-    seen = [_held_out(found.problem, found.root, best.model_fit, effect, others) for effect in sorted(own)]
+    lost = {effect for item in behind for effect in set(best.model_fit.effects) - set(item.model_fit.effects)}
+    seen = [_held_out(found.problem, found.root, best.model_fit, effect, others) for effect in sorted(lost)]
     if not all(result is not None and result.lowers for result in seen):
         return found
     freed = {effect: named for effect, named in found.freed.items() if effect in best.model_fit.effects}

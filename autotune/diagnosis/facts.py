@@ -406,8 +406,10 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     rivals = tuple(sought(problem, evidence, root, chosen, contest)) if chosen is not None else ()
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
     hunts = limit_cycle(problem, contact(root.fitted.packed.p, root.fitted.packed.on)[0])
+    effects = chosen.model_fit.effects if chosen is not None else ()
+    freed = {effect: named for effect, named in found.freed.items() if effect in effects}
     facts = Facts(
-        *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base,
+        *seen, found.first, found.tried, freed, found.presliding, hunts=hunts, base=found.base,
         spring=found.spring, unloaded=found.unloaded, delayed=found.delayed, cut_short=found.cut_short,
         bare=None if chosen is None or evidence.repeats else without_effects(problem, root),
     )  # fmt: skip
@@ -568,6 +570,16 @@ def _explained_away(facts: Facts, rival: str) -> bool:
     return _names_rest_of(problem, best, chosen)
 
 
+def _explained_beside(
+    problem: Problem, evidence: Evidence, chosen: FittedCandidate, item: FittedCandidate
+) -> bool:
+    """The same of one of several effects, by the fit of a rival in its place: see `_left_behind`."""
+    if chosen.plain_share < REFINED or _certain(chosen) or not _certain(item):
+        return False
+    apart = evidence.apart(problem, chosen.model_fit, item.model_fit)
+    return apart and _names_rest_of(problem, item, chosen)
+
+
 def _names_rest_of(problem: Problem, rival: FittedCandidate, chosen: FittedCandidate) -> bool:
     """Whether of what a rival leaves that can be explained a candidate explains as much as a name asks of all."""
     parts = explained_of_rest(problem, rival.model_fit, chosen.model_fit)
@@ -678,6 +690,8 @@ def _rivals_beside(
             continue
         others = without_effect(problem, root, chosen.model_fit, own.pop())
         before = others.model_fit if others is not None else root
+        if _explained_beside(problem, evidence, chosen, item):
+            continue
         if (item.named or not chosen.named) and evidence.comes_near(problem, before, chosen, item):
             near += set(item.model_fit.effects) - set(chosen.model_fit.effects)
     return list(dict.fromkeys(near))

@@ -242,7 +242,8 @@ def best_refined(
     if not NEARLY < best.share < REFINED:
         return list(fits)
     done = refined(problem, root, best, progress)
-    return [replace(done, effect=best.effect, gain=max(best.gain, done.gain))]
+    done = replace(done, effect=best.effect, gain=max(best.gain, done.gain))
+    return [done if one is best else one for one in fits]
 
 
 def unsettled(problem: Problem, chosen: FittedCandidate) -> bool:

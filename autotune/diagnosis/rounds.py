@@ -398,7 +398,8 @@ def best_in_haste(state: SearchState) -> FittedCandidate | None:
     """
     passing = state.evidence.worth_fitting(state.problem, state.root, state.first)
     state.tried = _as_beside(state, _fit_down(state, state.root, passing[:MOST_IN_HASTE]))
-    best = state.evidence.best(state.problem, state.tried) if state.tried else None
+    fits = [one for one in state.tried if _explains(state, one)]
+    best = state.evidence.best(state.problem, fits) if fits else None
     return best if best is not None and state.worth_having(best) else None
 
 
@@ -529,7 +530,7 @@ def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidat
     Where the fastest experiment alone shows an effect, its hold-out says nothing; the veto trajectory does.
     """
     problem = state.problem
-    fits = [f for f in fits if f.training.fall > 0.0 and not state.evidence.of_the_chain(problem, f)]
+    fits = [one for one in fits if _explains(state, one)]
     if not fits:
         return None
     best = state.evidence.best(problem, fits)
@@ -537,6 +538,11 @@ def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidat
     if best.gain < problem.policy.least_gain:
         best = replace(best, gain=_gain_where_one_tells(problem, state.model_fit, best))
     return best if state.worth_having(best) else _worth_at_its_best(state, best)
+
+
+def _explains(state: SearchState, item: FittedCandidate) -> bool:
+    """Whether a fit leaves less than before, and is no part of the measurement chain."""
+    return item.training.fall > 0.0 and not state.evidence.of_the_chain(state.problem, item)
 
 
 def _gain_where_one_tells(problem: Problem, before: ModelFit, best: FittedCandidate) -> float:

@@ -260,7 +260,7 @@ def _shaped_instead(state: SearchState, further: FittedCandidate) -> bool:
     that looks like it (a weight beside a spring that hardens) must predict clearly better than the course.
     """
     chosen = state.chosen
-    if state.evidence.repeats or chosen is None or len(chosen.model_fit.effects) > 1 or state.freed:
+    if state.evidence.repeats or chosen is None or len(chosen.model_fit.effects) > 1 or state.still_freed():
         return False
     shaped = state.shaped(chosen)
     if shaped is None or _predicts_more(state, shaped, further):
@@ -295,12 +295,13 @@ def _other_law_beside(state: SearchState) -> bool:
     Where what explained more could not be taken after all, or errs more inside the twin, it does.
     """
     other = state.outdone if _outdone_after_all(state) else None
-    found = state.chosen or _best_refused(state)
+    found, beside = state.chosen or _best_refused(state), state.beside
     if other is None and found is not None:
         other = _root_beside(state, found)
     if other is None:
         other = _law_in_place(state)
     if other is None or other.fitted.cost > LEVEL_GROUND * state.root.fitted.cost:
+        state.beside = beside
         return False
     state.progress("another law of the base")
     state.take_root(other)
@@ -432,7 +433,7 @@ def _try_motor(state: SearchState) -> None:
     better = other.named and error_left(problem, other.model_fit) < error_left(problem, chosen.model_fit)
     state.chosen = other if better else chosen
     if len(chosen.model_fit.effects) > 1:
-        state.later.append(chosen if better else other)
+        state.later.append(replace(chosen, effect=pressed[0]) if better else other)
     else:
         own = [one for one in state.tried if one.effect not in (chosen.effect, MOTOR)]
         state.tried = [*own, chosen, other]

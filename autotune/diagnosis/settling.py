@@ -334,6 +334,9 @@ def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
         state.tried = [shaped if one is item else one for one in state.tried]
         level = LEVEL_GROUND if shaped.named and not best.named else 1.0
         if error_left(state.problem, shaped.model_fit) < level * error_left(state.problem, best.model_fit):
+            state.tried = [
+                best if one.effect == best.effect else one for one in state.tried
+            ]  # as a rival, at its best
             best = shaped
     return best
 
@@ -408,7 +411,7 @@ def _first_exchanged(state: SearchState, chosen: FittedCandidate) -> FittedCandi
         return chosen
     for item in state.tried:
         led = item.gain >= policy.rival_gain * known.gain and item.share >= min(policy.partly, known.share)
-        masses = EFFECTS[item.effect].in_transmission and EFFECTS[first].in_transmission
+        masses = EFFECTS[item.effect].in_transmission and has_load(chosen.model_fit.fitted.packed.on)
         if item.effect in chosen.model_fit.effects or masses or not led:
             continue
         state.progress(f"{item.effect} in the place of {first}")
@@ -418,7 +421,8 @@ def _first_exchanged(state: SearchState, chosen: FittedCandidate) -> FittedCandi
             continue
         left = [error_left(state.problem, one.model_fit) for one in (other, chosen)]
         if left[0] < left[1]:  # the one that it takes the place of stays a rival: a fit of the last round
-            chosen, first = replace(other, effect=chosen.effect), item.effect
+            last = item.effect if chosen.effect == first else chosen.effect
+            chosen, first = replace(other, effect=last), item.effect
     return chosen
 
 
