@@ -570,16 +570,6 @@ def _explained_away(facts: Facts, rival: str) -> bool:
     return _names_rest_of(problem, best, chosen)
 
 
-def _explained_beside(
-    problem: Problem, evidence: Evidence, chosen: FittedCandidate, item: FittedCandidate
-) -> bool:
-    """The same of one of several effects, by the fit of a rival in its place: see `_left_behind`."""
-    if chosen.plain_share < REFINED or _certain(chosen) or not _certain(item):
-        return False
-    apart = evidence.apart(problem, chosen.model_fit, item.model_fit)
-    return apart and _names_rest_of(problem, item, chosen)
-
-
 def _names_rest_of(problem: Problem, rival: FittedCandidate, chosen: FittedCandidate) -> bool:
     """Whether of what a rival leaves that can be explained a candidate explains as much as a name asks of all."""
     parts = explained_of_rest(problem, rival.model_fit, chosen.model_fit)
@@ -690,8 +680,6 @@ def _rivals_beside(
             continue
         others = without_effect(problem, root, chosen.model_fit, own.pop())
         before = others.model_fit if others is not None else root
-        if _explained_beside(problem, evidence, chosen, item):
-            continue
         if (item.named or not chosen.named) and evidence.comes_near(problem, before, chosen, item):
             near += set(item.model_fit.effects) - set(chosen.model_fit.effects)
     return list(dict.fromkeys(near))

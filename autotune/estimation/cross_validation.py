@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -267,8 +267,9 @@ def _differs(difference: Floats, level: Floats) -> _Differs:
 def _level_between(problem: Problem, error: Floats, column: Floats | None, role: str) -> _Level:
     """By an error and the sensitivity to friction, both of shape (m,); None where that was not fitted.
 
-    One slope for all experiments, where it is no chance. Else each has its own, if that is half of what differs between
-    its repeats: an axis that warms while the first is played, and hardly after it, differs in none of the others.
+    One slope for all experiments, where it is no chance. Or each has its own that is half of what differs between its
+    repeats, where these explain twice as much: an axis that warms while the first is played, and hardly after it,
+    differs in none of the others.
     """
     policy, differences, levels = problem.policy, [], []
     for block in _repeated(problem, role) if column is not None else ():
@@ -277,15 +278,20 @@ def _level_between(problem: Problem, error: Floats, column: Floats | None, role:
         levels.append(np.asarray(0.5 * (level[-1] + level[0])))
     if not differences:
         return _Level((), 0.0, 0.0)
+
+    def variance(slopes: Sequence[float]) -> float:
+        power = sum(slope**2 * float(level @ level) for slope, level in zip(slopes, levels, strict=True))
+        return 0.25 * power / sum(len(level) for level in levels)
+
     together = _differs(np.concatenate(differences), np.concatenate(levels))
-    if abs(together.z) >= policy.drift_z and together.share >= policy.drift_part:
-        slopes = (together.slope,) * len(levels)
-    else:
-        alone = [_differs(one, level) for one, level in zip(differences, levels, strict=True)]
-        counts = [abs(one.z) >= policy.drift_z and one.share >= policy.partly for one in alone]
-        slopes = tuple(one.slope if is_one else 0.0 for one, is_one in zip(alone, counts, strict=True))
-    power = sum(slope**2 * float(level @ level) for slope, level in zip(slopes, levels, strict=True))
-    return _Level(slopes, together.z, 0.25 * power / sum(len(level) for level in levels))
+    alike = abs(together.z) >= policy.drift_z and together.share >= policy.drift_part
+    slopes = (together.slope if alike else 0.0,) * len(levels)
+    alone = [_differs(one, level) for one, level in zip(differences, levels, strict=True)]
+    counts = [abs(one.z) >= policy.drift_z and one.share >= policy.partly for one in alone]
+    own = tuple(one.slope if is_one else 0.0 for one, is_one in zip(alone, counts, strict=True))
+    if policy.partly * variance(own) > variance(slopes):
+        slopes = own
+    return _Level(slopes, together.z, variance(slopes))
 
 
 def _repeated(problem: Problem, role: str) -> list[Block]:

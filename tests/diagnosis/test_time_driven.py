@@ -13,7 +13,7 @@ from autotune.diagnosis.evidence import time_driven
 from autotune.diagnosis.verdict import NONE, diagnose
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import beyond_presliding
-from autotune.estimation.data import TRAINING, Block, Clocked, ReadingWave, filtered_motion
+from autotune.estimation.data import TRAINING, VETO, Block, Clocked, ReadingWave, filtered_motion
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem
@@ -301,3 +301,34 @@ def test_waves_of_a_torque_near_each_other_are_no_reading(begun: tuple[Problem, 
     """One by one they predict nothing of experiments held out, where a reading's wave is small in the slow ones."""
     assert time_driven._rather_torques(*_with_torques(*begun), 50.4)
     assert not time_driven._rather_torques(*_with_torques(*_with_reading(*begun)), WAVE.wavenumber)
+
+
+@pytest.mark.parametrize("hertz", [17.13, 47.31])
+def test_of_a_hum_nothing_is_left(
+    begun: tuple[Problem, ModelFit], hertz: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It acts as any torque does, held from each sample to the next: half a sample off, a sixth of 50 Hz was left."""
+    problem, model_fit = begun
+    time = np.arange(len(problem.data.torque)) * problem.data.period
+    torque = problem.data.torque + 2.0 * NOMINAL["coulomb"] * np.sin(2.0 * math.pi * hertz * time + 0.4)
+    data = replace(problem.data, torque=torque)
+    loud = replace(problem, data=data, moved=measured_motion(data))
+    packed = model_fit.fitted.packed
+    before, heard = problem.raw(packed), loud.raw(packed)
+    monkeypatch.setattr(time_driven, "time_driven_line", lambda *_: time_driven.TimeLine(hertz, 0.99))
+    quiet = time_driven.without_clocked(loud, packed, heard)
+    assert quiet is not None
+    left, there = quiet.raw(packed) - before, heard - before
+    assert np.sqrt(np.mean(left**2)) < 0.02 * np.sqrt(np.mean(there**2)), (
+        "what the axis makes at this frequency"
+    )
+
+
+def test_a_veto_of_which_no_row_counts_is_none(begun: tuple[Problem, ModelFit]) -> None:
+    """Of small strokes the rows on which a contact slides may be none."""
+    problem, model_fit = begun
+    weight = problem.weight * problem.data.role(TRAINING)
+    bare = replace(problem, weight=weight)
+    assert problem.has_veto
+    assert not bare.has_veto
+    assert math.isnan(bare.noise_variance(model_fit.fitted.error, VETO))

@@ -5,6 +5,7 @@ torque the resulting motion needed.
 """
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.dwell_time_break_away import AGE, DWELL_TIME_BREAK_AWAY, grow_older
 from autotune.models.encoder_eccentricity import parts, reading_error, true_motion
 from autotune.models.inverse import applied_torque, load_substeps, required
-from autotune.models.load_dependent_friction import PRESSED
+from autotune.models.load_dependent_friction import PRESSED, transmitted
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.reversal_memory import AT_ONCE
 from autotune.models.table import EFFECTS
@@ -347,3 +348,22 @@ def test_a_tight_place_is_a_bell_or_a_stretch_with_two_flanks(
     for side in (-1.0, 1.0):
         assert factor(p, p[:1], 1.0 + side * 0.1) == pytest.approx(1.0 + 0.4 * half_way, abs=1e-4)
         assert factor(p, p[:1], 1.0 + side * 0.26) == pytest.approx(1.0 + 0.4 * beyond, abs=1e-4)
+
+
+@pytest.mark.parametrize(("apart", "pressing"), [(0.0, 0.3), (0.4, 0.22), (1.0, 0.1)])
+def test_an_offset_presses_as_far_as_it_passes(apart: float, pressing: float) -> None:
+    """A weight's torque passes through a gear; an amplifier's own, or a cable's at the motor, does not."""
+    values = {"factor": 0.2, "friction_share": 0.0, "offset_apart": apart}
+    model = base_model(NUMBERS | {"offset": 0.2})
+    p = model.with_effect(EFFECTS["load_dependent_friction"].make(values)).pack().p
+    assert transmitted(p, 0.1 + 0.2) == pytest.approx(pressing, rel=1e-12)
+
+
+@pytest.mark.parametrize(("told", "starts"), [(True, 4), (False, 3)])
+def test_that_no_offset_presses_is_asked_where_there_is_one(told: bool, starts: int) -> None:
+    p = np.zeros(layout.PARAMETERS)
+    p[layout.OFFSET] = 0.2
+    context = SimpleNamespace(p=p, left=0.1 if told else 0.3, torque=1.0, largest_torque=2.0)
+    kind = EFFECTS["load_dependent_friction"]
+    assert len(list(kind.starts(context))) == starts
+    assert ("offset_apart" in kind.free_shape(context).free) is told

@@ -1,0 +1,109 @@
+"""What is exchanged among several effects keeps its name: names, what is free and what is compared stay in step."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from autotune.diagnosis import backward, refits, search, settling
+from autotune.diagnosis.backward import Backward
+from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.rounds import SearchState
+from autotune.estimation.policy import POLICY
+from tests.support.fitted import Item
+
+
+def item(*effects: str, left: float = 1.0, **others: float) -> Item:
+    on = np.zeros(16, dtype=np.bool_)
+    fit = SimpleNamespace(effects=effects, left=left, fitted=SimpleNamespace(packed=SimpleNamespace(on=on)))
+    return Item(effects[-1], fit, **others)
+
+
+def state_of(chosen: Item | None, tried: tuple[Item, ...], monkeypatch: pytest.MonkeyPatch) -> SearchState:
+    problem, evidence = SimpleNamespace(policy=POLICY), SimpleNamespace(repeats=True)
+    for module in (settling, search):
+        monkeypatch.setattr(module, "error_left", lambda _, fit: fit.left)
+    given: Any = (problem, SimpleNamespace(), None, no_progress, evidence)
+    return SearchState(*given, chosen=chosen, tried=list(tried))
+
+
+def test_a_second_rival_takes_the_place_of_the_first_one_that_was_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A spring took a weight's place, and a memory was then fitted beside the spring and had no name."""
+    left = {"spring": 0.8, "reversal_memory": 0.9}
+    asked: list[tuple[str, str]] = []
+
+    def in_place_of(_: object, __: object, chosen: Item, effect: str, rival: Item) -> Item:
+        assert effect in chosen.model_fit.effects
+        asked.append((effect, rival.effect))
+        return item(rival.effect, *chosen.model_fit.effects[1:], left=left[rival.effect])
+
+    monkeypatch.setattr(settling, "in_place_of", in_place_of)
+    monkeypatch.setattr(SearchState, "shaped", lambda *_: None)
+    tried = item("gravity_imbalance"), item("spring"), item("reversal_memory")
+    state = state_of(tried[0], tried, monkeypatch)
+    found = settling._first_exchanged(state, item("gravity_imbalance", "torque_saturation"))
+    assert asked == [("gravity_imbalance", "spring"), ("spring", "reversal_memory")]
+    assert found.model_fit.effects == ("spring", "torque_saturation")
+    assert found.effect == "torque_saturation"
+
+
+def test_a_rival_of_a_later_round_is_called_by_what_is_new_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a round began with may have been exchanged since: then not what it added stands for it."""
+    asked: list[tuple[str, str]] = []
+
+    def in_place_of(_: object, __: object, chosen: Item, effect: str, rival: Item) -> None:
+        asked.append((effect, rival.effect))
+
+    monkeypatch.setattr(backward, "in_place_of", in_place_of)
+    given: Any = (SimpleNamespace(policy=POLICY), None, None, no_progress)
+    chosen = item("spring", "stribeck", "thermal_drift")
+    Backward(*given)._in_place(chosen, item("gravity_imbalance", "stribeck"))
+    assert asked == [("spring", "gravity_imbalance")]
+
+
+@pytest.mark.parametrize(("now", "kept"), [(True, True), (False, False)])
+def test_a_fit_of_a_torque_that_was_moved_since_says_nothing(now: bool, kept: bool) -> None:
+    error, moved = np.sin(np.arange(100.0)), np.sin(np.arange(100.0) + (0.0 if now else 0.1))
+    fit: Any = SimpleNamespace(
+        fitted=SimpleNamespace(packed=None, error=error), correction=SimpleNamespace(bias=0.0)
+    )
+    given: Any = (SimpleNamespace(raw=lambda _: moved), None, None, no_progress)
+    assert Backward(*given)._of_these_data(fit) is kept
+
+
+def test_what_looks_like_the_first_effect_stays_its_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = (
+        item("spring", gain=0.7),
+        item("gravity_imbalance", gain=0.69),
+        item("reversal_memory", gain=0.2),
+        item("stribeck", gain=0.6),
+    )
+    chosen = item("spring", "thermal_drift")
+    state = state_of(chosen, tried, monkeypatch)
+    assert [one.effect for one in search._like_the_first(state, chosen)] == ["gravity_imbalance"]
+    assert search._like_the_first(state, tried[0]) == [], "a single effect has its rivals already"
+
+
+def test_a_candidate_that_is_displaced_is_a_rival_at_its_best(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = item("spring", left=3.0), item("gravity_imbalance", left=2.0)
+    state = state_of(None, tried, monkeypatch)
+    best = {"spring": item("spring", left=1.02), "gravity_imbalance": item("gravity_imbalance", left=1.0)}
+    state.evidence = SimpleNamespace(repeats=True, only_at_rests=lambda *_: False)
+    monkeypatch.setattr(SearchState, "shaped", lambda _, one: best[one.effect])
+    monkeypatch.setattr(settling, "_contends", lambda _, chosen, one, __: one.effect != chosen.effect)
+    assert settling._freed(state, tried[0]) is best["gravity_imbalance"]
+    assert state.tried == list(best.values())
+
+
+def test_the_others_of_a_round_stay_beside_the_best_that_was_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The best may be no more than the chain's own lag: then the next one is taken."""
+    fits = [item("torque_lag", share=0.9), item("thermal_drift", share=0.85)]
+    done = item("torque_lag", share=0.95)
+    monkeypatch.setattr(refits, "refined", lambda *_: done)
+    monkeypatch.setattr(refits, "replace", lambda one, **_: one)
+    assert refits.best_refined(None, None, fits, fits[0], no_progress) == [done, fits[1]]

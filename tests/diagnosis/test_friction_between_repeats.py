@@ -1,0 +1,69 @@
+"""A friction level that differs between repeats: of all experiments alike, or of the one that an axis warms in."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from autotune.core.arrays import Floats
+from autotune.estimation.cross_validation import _level_between, _of_drift
+from autotune.estimation.data import TRAINING, Block
+from autotune.estimation.policy import POLICY
+
+COUNT, EXPERIMENTS = 500, 4
+BLOCKS = tuple(Block(f"part {i}", TRAINING, 2 * i * COUNT, 2, COUNT) for i in range(EXPERIMENTS))
+COLUMN = np.tile(np.sign(np.sin(np.arange(COUNT) / 30.0)), 2 * EXPERIMENTS)
+"""Sensitivity to the level of friction: its sign changes with each stroke."""
+
+
+def _noise() -> Floats:
+    return 0.02 * np.random.default_rng(20261129).standard_normal(len(COLUMN))
+
+
+def _variance(error: Floats, _: str) -> float:
+    return float(np.mean([block.by_repeat(error).var(axis=0, ddof=1).mean() for block in BLOCKS]))
+
+
+PROBLEM = SimpleNamespace(policy=POLICY, data=SimpleNamespace(blocks=BLOCKS), noise_variance=_variance)
+
+
+def _drifting(levels: tuple[float, ...]) -> Floats:
+    """An error in which the last repeat of each experiment has so much more friction than the first."""
+    error = _noise()
+    for block, level in zip(BLOCKS, levels, strict=True):
+        table = block.by_repeat(COLUMN).copy()
+        table[0] *= -0.5 * level
+        table[1] *= 0.5 * level
+        error[block.rows] += table.ravel()
+    return error
+
+
+@pytest.mark.parametrize(
+    "levels",
+    [(0.1, 0.1, 0.1, 0.1), (0.2, 0.0, 0.0, 0.0), (0.2, 0.0, 0.0, -0.18)],
+    ids=["alike", "first", "apart"],
+)
+def test_what_differs_between_repeats_is_told_of_each_experiment(levels: tuple[float, ...]) -> None:
+    """A slope of 500 rows of noise is known to 0.0013; of the first alone it was hidden by the three others."""
+    error = _drifting(levels)
+    found = _level_between(PROBLEM, error, COLUMN, TRAINING)
+    assert found.slopes == pytest.approx(levels, abs=0.006)
+    assert found.variance == pytest.approx(0.25 * np.mean(np.square(levels)), rel=0.1)
+    assert _of_drift(PROBLEM, error, COLUMN, TRAINING) == pytest.approx(2.0 * found.variance, rel=0.1)
+
+
+def test_a_level_of_noise_is_none() -> None:
+    found = _level_between(PROBLEM, _noise(), COLUMN, TRAINING)
+    assert found.variance == 0.0
+    assert not any(found.slopes)
+
+
+def test_a_part_of_what_differs_in_one_experiment_is_none() -> None:
+    """Less than half of what its repeats do not share: what wanders slowly has as much of a level by chance."""
+    error = _drifting((0.02, 0.0, 0.0, 0.0))
+    assert _level_between(PROBLEM, error, COLUMN, TRAINING).variance == 0.0
+
+
+def test_without_friction_there_is_no_level() -> None:
+    assert _level_between(PROBLEM, _noise(), None, TRAINING).slopes == ()
+    assert _of_drift(PROBLEM, _noise(), None, TRAINING) == 0.0
