@@ -54,7 +54,7 @@ def stiffening(p: Floats, state: Floats, velocity: float) -> float:
 @compiled
 def transmitted(p: Floats, torque: float) -> float:
     """Of the torque beyond a rigid axis's friction what passes through the contacts [N m]."""
-    return torque - p[_OFFSET_APART] * p[OFFSET]
+    return float(torque - p[_OFFSET_APART] * p[OFFSET])
 
 
 @compiled
