@@ -180,7 +180,7 @@ def _exchanged(raster: _Raster, lines: list[float], present: list[float]) -> tup
             gains = raster.gains([*present, *others], beside, rest)
             order = float(raster.orders[int(np.argmax(gains))])
             order = raster.waves.refined(order, SPACING * raster.tells, beside, rest)
-            trial, _, rest = raster.together([*others, order])
+            trial, _, rest = raster.together([*others[:i], order, *others[i:]])
             if float(rest @ rest) < (1.0 - FINE_EXCHANGE) * best:
                 lines, best = trial, float(rest @ rest)
         if best == before:
@@ -310,9 +310,13 @@ def _gains(table: NDArray[np.float32], basis: Floats, error: Floats) -> Floats:
 
 
 def with_whole_orders(problem: Problem, model_fit: ModelFit) -> ModelFit:
-    """The model with each order a whole number where its interval contains one and is narrow, fitted again."""
+    """The model with each order a whole number where its interval contains one and is narrow, fitted again.
+
+    On rotary axes: of waves a metre none is likelier than another.
+    """
     packed = model_fit.fitted.packed
-    if packed.p[TORQUE_RIPPLE.slot("order_1")] <= 0.0:
+    rotary = problem.data.metadata.motion_unit == "rad"
+    if not rotary or packed.p[TORQUE_RIPPLE.slot("order_1")] <= 0.0:
         return model_fit
     places = {one.slot: i for i, one in enumerate(model_fit.free)}
     spread = np.sqrt(np.maximum(np.diag(covariance(model_fit.fitted, problem.training)), 0.0))

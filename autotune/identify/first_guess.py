@@ -201,7 +201,7 @@ def _slow(
     chosen = int(np.argmin(np.multiply(left, freedom)))
     if left[chosen] > (1.0 - LEAST_GAIN) * held_out_error(_best(trials).parts):
         return None
-    spring = left[1 if terms.scale == 1.0 and len(left) > 1 else 0]
+    spring = next(one for (kind, _), one in zip(looked, left, strict=True) if kind.spring)
     alike = len(left) > 1 and max(left[chosen], spring) <= ALIKE * min(left)
     return replace(looked[chosen][0], spring_like=alike), looked[chosen][1]
 

@@ -124,13 +124,15 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     if led.joint.refined.twin < 1.0:
         led = _or_as_it_acted(led, recording, effects, seed)
     joint, pieces, bands, brought = led.joint, led.pieces, led.bands, led.brought
+    held: list[str] = []
     for kind in kinds:
         if kind.name in joint.model:
             continue
         model = STARTS[kind.name](joint.model, pieces, bands)
-        joint = refine_recording(model, brought.recording, seed=seed, controller=led.controller)
+        joint = _refined(model, brought.recording, held, seed, led.controller)
         for name in _vague(kind, joint):
-            joint = _held(name, model, brought.recording, seed, led.controller)
+            held.append(name)
+            joint = _refined(model, brought.recording, held, seed, led.controller)
     joint = replace(joint, estimate=_doubted(joint.estimate, brought, led.start))
     joint = _without_beside(joint, led.start, effects, _positions(pieces, bands), float(brought.doubt[-1]))
     if not joint.controller.usable and joint.controller.why == TWIN_WORSE:
@@ -342,12 +344,17 @@ def _vague(kind: Kind, joint: Joint) -> list[str]:
     return [name for name in alike if not known or joint.refined.standard_errors[name] > least]
 
 
-def _held(held: str, model: DriveModel, recording: Recording, seed: int, law: PositionController) -> Joint:
-    """Sliding alone cannot tell a difference of levels from the offset: it stays as it is then."""
-    free = [name for name in free_parameters(model) if name != held]
+def _refined(
+    model: DriveModel, recording: Recording, held: Sequence[str], seed: int, law: PositionController
+) -> Joint:
+    """The model refined, with what sliding alone cannot tell from the offset `held` as it is."""
+    free = [name for name in free_parameters(model) if name not in held] if held else None
     joint = refine_recording(model, recording, free, seed, controller=law)
-    note = f"{held} is held at zero: these recordings cannot tell it from the offset; presliding would"
-    return replace(joint, estimate=replace(joint.estimate, notes=(*joint.estimate.notes, note)))
+    notes = tuple(
+        f"{name} is held at zero: these recordings cannot tell it from the offset; presliding would"
+        for name in held
+    )
+    return replace(joint, estimate=replace(joint.estimate, notes=(*joint.estimate.notes, *notes)))
 
 
 def joined(recordings: Sequence[Recording] | Recording) -> Recording:

@@ -191,4 +191,7 @@ def _strongest(
     fine = np.linspace(max(grid[best] - step, lowest), grid[best] + step, 41)
     order = float(fine[int(np.argmax(_power(position, rest, fine, scale)))])
     whole = round(order)
-    return float(whole) if whole > 0 and abs(order - whole) < step else order
+    near = (
+        scale == 1.0 and whole > 0 and abs(order - whole) < step
+    )  # waves a metre are as likely no whole number
+    return float(whole) if near else order

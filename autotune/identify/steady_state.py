@@ -256,7 +256,7 @@ def fit_speed_curve(recording: Recording, effects: Sequence[str]) -> SpeedCurve:
     Raises:
         NotEnoughExcitation: too few speeds, or one direction only.
     """
-    state = identify_steady_state(recording)
+    state = identify_steady_state(recording.rows(~np.isin(recording.experiment, UNFITTED)))
     shape: Shape = "gaussian" if STRIBECK.name in effects else "linear"
     curve = fit_curve(state.points, shape, DIRECTION_ASYMMETRY.name in effects)
     found = curve.parameters

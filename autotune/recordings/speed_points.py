@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.recordings.checks import torque_of
-from autotune.recordings.recording import CONDITIONING, Recording
+from autotune.recordings.recording import CONDITIONING, RESERVED_EXPERIMENTS, Recording
 
 LEAST_SPEEDS = 6
 LEAST_SHARE = 0.8
@@ -36,8 +36,12 @@ class Point:
 
 
 def speed_points(recordings: Sequence[Recording]) -> list[Point]:
-    """The points of the speed curve; empty where the recordings are something else."""
-    points = [_point(part) for recording in recordings for _, part in recording.split()]
+    """The points of the speed curve; empty where the recordings are something else.
+
+    Not those of segments whose names say that they are not fitted: at one speed each there is nothing to hold out.
+    """
+    parts = [part for recording in recordings for _, part in recording.split()]
+    points = [_point(part) for part in parts if str(part.experiment[0]) not in RESERVED_EXPERIMENTS]
     steady = [point for point in points if point.steady]
     speeds = {round(float(np.log10(abs(p.velocity) + 1e-12)), 1) * np.sign(p.velocity) for p in steady}
     if len(speeds) < LEAST_SPEEDS or len(steady) < LEAST_SHARE * len(points):

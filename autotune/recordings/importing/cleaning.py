@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import RecordingError
 
 MOST_MISSING = 0.01
@@ -53,13 +53,18 @@ def without_missing(columns: Mapping[str, Floats], path: Path, notes: list[str])
     return {name: values[good] for name, values in columns.items()}
 
 
+def as_before(values: Floats) -> Flags:
+    """Whether each value but the first is that of the row before, shape (n − 1,); where both are missing they are."""
+    return np.asarray((values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1])))
+
+
 def without_copies(columns: dict[str, Floats], notes: list[str]) -> dict[str, Floats]:
     """The rows without those that repeat the one before to the last digit, its time too: a logger wrote it twice."""
     same = np.diff(columns["time"]) == 0.0
     if not np.any(same):
         return columns
     for values in columns.values():
-        same &= values[1:] == values[:-1]
+        same &= as_before(values)
     copies = int(np.count_nonzero(same))
     if not copies:
         return columns
@@ -96,8 +101,11 @@ def refuse_absurd(columns: Mapping[str, Floats], path: Path) -> None:
 
 def unwrap_clock(raw: Floats, notes: list[str]) -> Floats:
     """A counter of 16, 24 or 32 bits that overflowed, in ticks, goes on counting."""
-    if not np.all(np.isfinite(raw)):
-        return raw
+    there = np.isfinite(raw)
+    if not np.all(there):
+        whole = raw.copy()
+        whole[there] = unwrap_clock(raw[there], notes) if there.any() else raw[there]
+        return whole
     step = np.diff(raw)
     back = np.flatnonzero(step < 0)
     if not len(back) or not np.all(raw[:1000] == np.round(raw[:1000])):

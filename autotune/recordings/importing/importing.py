@@ -148,8 +148,11 @@ def _read(source: Source, paths: Sequence[Path], options: Options) -> _File:
     if options.wishes.speed_curve:
         columns, labelled = as_stretches(columns, path, lines), None
     columns, names = _labelled(columns, source, labelled, lines)
-    columns = _with_clock(columns, source, options, lines)
-    columns = without_copies(without_missing(columns, path, lines), lines)
+    clock, columns = "time" in columns, _with_clock(columns, source, options, lines)
+    rows, columns = len(columns["time"]), without_missing(columns, path, lines)
+    if options.wishes.period is not None and len(columns["time"]) < rows:
+        options = _with_holes(options, clock, path)
+    columns = without_copies(columns, lines)
     refuse_absurd(columns, path)
     if len(columns["time"]) < LEAST_ROWS:
         raise RecordingError(
@@ -220,6 +223,19 @@ def _with_clock(
     rows = len(next(iter(columns.values())))
     lines.append(f"no clock in the file: time counts rows of {period:g} s")
     return {"time": np.arange(rows, dtype=np.float64) * period, **columns}
+
+
+def _with_holes(options: Options, clock: bool, path: Path) -> Options:
+    """What was asked for where rows are missing that `--period` would count: time was counted before they went.
+
+    Raises: RecordingError where a clock stands beside the period: which of the two tells the holes is not said.
+    """
+    if clock:
+        raise RecordingError(
+            f"{path}: rows without a number are missing among those that --period counts, so that all later ones would "
+            "come too soon; leave --period out, and the clock tells the holes, or fill the rows in"
+        )
+    return replace(options, wishes=replace(options.wishes, period=None))
 
 
 def _with_near_origin(columns: dict[str, Floats], lines: list[str]) -> dict[str, Floats]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.errors import RecordingError
-from autotune.recordings.importing.cleaning import unwrapped, wrap_length
+from autotune.recordings.importing.cleaning import as_before, unwrapped, wrap_length
 from autotune.recordings.importing.clock import (
     GAP_SAMPLES,
     LEAST_ROWS,
@@ -90,7 +90,7 @@ def _changes(piece: RegularPiece) -> Flags:
     changes = np.zeros(len(piece) - 1, dtype=np.bool_)
     for name, values in piece.columns.items():
         if name != "time":
-            changes |= np.diff(values) != 0.0
+            changes |= ~as_before(values)
     return changes
 
 

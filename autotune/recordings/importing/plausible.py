@@ -176,12 +176,15 @@ def _two_ways(parts: list[Recording]) -> bool:
 def refuse_other_velocity(recording: Recording, where: str) -> None:
     """Raises RecordingError where velocity is not the derivative of position: sign or unit.
 
-    A velocity that hardly follows the position (noise, a slow estimator) is left alone.
+    A velocity that hardly follows the position (noise, a slow estimator) is left alone, and so is a part of it that
+    lacks a number.
     """
     if "velocity" not in recording:
         return
     derived, given = [], []
     for part in _parts(recording):
+        if not np.all(np.isfinite(part["velocity"])):
+            continue
         cutoff = min(20.0, 0.05 / part.period)
         derived.append(np.gradient(low_pass(part["position"], cutoff, part.period), part.period))
         given.append(low_pass(part["velocity"], cutoff, part.period))
