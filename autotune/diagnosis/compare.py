@@ -57,6 +57,7 @@ from autotune.estimation.twin_runs import run_twin
 from autotune.identify.refinement import surroundings
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
+from autotune.recordings.checks import torque_of
 from autotune.recordings.recording import Recording, refuse_twice
 from autotune.signals.filters import low_pass
 
@@ -501,7 +502,7 @@ def simulate_closed_loop(recording: Recording, model: DriveModel, seed: int | No
         position,
         torque,
         _relative(position, recording["position"]),
-        _relative(torque, recording["torque"]),
+        _relative(torque, torque_of(recording)),
         controller,
     )
 

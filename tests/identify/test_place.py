@@ -16,7 +16,9 @@ from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.problem import one_way
 from autotune.identify.ripple_lines import find_lines, held_out_error
+from autotune.identify.steady_state import fit_speed_curve
 from autotune.recordings.recording import Metadata, Recording
+from autotune.recordings.speed_points import speed_points
 
 PERIOD, SECONDS = 2e-3, 16.0
 INERTIA, COULOMB, VISCOUS, OFFSET = 0.4, 2.0, 0.3, 0.5
@@ -270,3 +272,40 @@ def test_motion_one_way_is_one_way_for_the_guess_and_for_the_search() -> None:
     assert found.valid
     assert found.model is not None
     assert found.model["offset"] == 0.0
+
+
+@pytest.mark.parametrize(("travel", "order"), [(1.0, 41.2), (0.5, 41.45), (1.6, 24.15)])
+def test_waves_a_metre_are_as_likely_no_whole_number(travel: float, order: float) -> None:
+    """Rounded to 41 a metre, magnets 24 mm apart left three more waves around them."""
+    way = np.concatenate([np.linspace(0.0, travel, 4000), np.linspace(travel, 0.0, 4000)])
+    torque = np.sin(2.0 * math.pi * order * way + 0.3) + 0.05 * np.random.default_rng(0).standard_normal(8000)
+    (line,) = find_lines(way, torque, np.ones((8000, 1)), 2.0 * math.pi, most=4, highest=100)
+    assert line.order == pytest.approx(order, abs=0.01)
+    assert line.amplitude == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_speed_curve_is_of_what_is_fitted() -> None:
+    """Three speeds of a veto, with 1 N m more, and one of conditioning tripled Coulomb friction."""
+    time, rng = 0.01 * np.arange(400), np.random.default_rng(0)
+    speeds = [side * speed for speed in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0) for side in (1.0, -1.0)]
+    named = [(speed, f"speed {number}", 0.0) for number, speed in enumerate(speeds)]
+    named += [(speed, "veto", 1.0) for speed in (0.7, 3.0, 10.0)] + [(5.0, "conditioning", 1.0)]
+    columns = {
+        "time": np.tile(time, len(named)),
+        "position": np.concatenate([speed * time for speed, _, _ in named]),
+        "torque": np.concatenate(
+            [
+                0.1 * np.sign(speed) + 0.01 * speed + more + 1e-4 * rng.standard_normal(400)
+                for speed, _, more in named
+            ]
+        ),
+    }
+    names = np.repeat([name for _, name, _ in named], 400)
+    repeats = np.repeat(
+        [sum(one[1] == name for one in named[:i]) for i, (_, name, _) in enumerate(named)], 400
+    )
+    recording = Recording.from_columns(columns, Metadata(sample_period=0.01), names, repeats)
+    found = fit_speed_curve(recording, ())
+    assert found.model["coulomb"] == pytest.approx(0.1, rel=0.01)
+    assert found.model["viscous"] == pytest.approx(0.01, rel=0.01)
+    assert len(speed_points([recording])) == len(speeds)

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import ConfigurationError, RecordingError
+from autotune.recordings.importing.cleaning import unwrap_clock, without_copies
+from autotune.recordings.importing.clock import RegularPiece
+from autotune.recordings.importing.pieces import without_held
 
 from .conftest import Floats, axis_signals, bring_in, write_table
 
@@ -244,3 +247,32 @@ def test_stamps_that_jitter_back_are_said_and_counted_on_demand(tmp_path: Path) 
         bring_in(path)
     counted = bring_in(path, period=1e-3).recording
     np.testing.assert_allclose(counted["position"], columns["position"], rtol=1e-9, atol=1e-12)
+
+
+def test_rows_that_are_counted_must_all_be_there(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    """Three rows that were dropped let all later ones come 3 ms too soon; without a clock they were counted before."""
+    holed = {name: values.copy() for name, values in signals.items()}
+    holed["torque"][700:703] = np.nan
+    with pytest.raises(RecordingError, match="leave --period out"):
+        bring_in(write_table(tmp_path / "t.csv", holed), period=1e-3)
+    holed.pop("time")
+    recording = bring_in(write_table(tmp_path / "t.csv", holed), period=1e-3).recording
+    there = np.rint(recording["time"] / 1e-3).astype(int)
+    np.testing.assert_allclose(recording["position"], signals["position"][there], atol=1e-6)
+
+
+def test_a_column_without_numbers_hides_neither_copies_nor_held_rows() -> None:
+    empty = np.full(4000, np.nan)
+    columns = {"time": 1e-3 * np.arange(4000), "position": np.repeat(np.sin(0.01 * np.arange(1000)), 4)}
+    (held,), period = without_held([RegularPiece({**columns, "temperature": empty})], 1e-3, [], {})
+    assert (len(held), period) == (1000, 4e-3)
+    twice = {name: values[[0, 4, 4, 8]] for name, values in {**columns, "temperature": empty}.items()}
+    assert len(without_copies(twice, [])["time"]) == 3
+
+
+def test_a_clock_with_a_hole_goes_on_after_it_overflows() -> None:
+    counter = np.arange(100_000.0) % 65_536
+    counter[5] = np.nan
+    whole = unwrap_clock(counter, [])
+    assert whole[-1] == 99_999.0
+    assert np.isnan(whole[5])

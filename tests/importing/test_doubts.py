@@ -14,6 +14,7 @@ from autotune.recordings.importing.plausible import refuse_other_velocity, refus
 from autotune.recordings.importing.recognise import guess
 from autotune.recordings.importing.source import Column
 from autotune.recordings.importing.units import SCALED, find_unit, split_unit
+from autotune.recordings.recording import Metadata, Recording
 from autotune_sim.presets import preset
 from tests.support.identification_programme import play
 
@@ -460,3 +461,18 @@ def test_the_signs_of_a_simulated_axis_are_right_and_turned_ones_are_found() -> 
     refuse_other_velocity(recording, "all")
     with pytest.raises(RecordingError, match="opposite directions"):
         refuse_wrong_sign(turned, "all")
+
+
+def test_a_velocity_that_lacks_a_number_says_nothing_of_its_unit() -> None:
+    """One empty cell was a velocity of "nan times the derivative of position"."""
+    time = 1e-3 * np.arange(4000)
+    position = np.sin(3.0 * time)
+    velocity = 3.0 * np.cos(3.0 * time)
+    velocity[1234] = np.nan
+    columns = {
+        "time": time,
+        "position": position,
+        "velocity": velocity,
+        "torque": 0.1 * np.sign(np.cos(3.0 * time)),
+    }
+    refuse_other_velocity(Recording.from_columns(columns, Metadata(sample_period=1e-3), "a"), "all")
