@@ -321,8 +321,8 @@ def _recorded_late(state: SearchState, best: FittedCandidate) -> FittedCandidate
 def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
     """The model with the course of its last effect free, where its own law leaves a part unexplained.
 
-    Others that came near it get the same chance: what is compared is each effect at its best. Of two that leave as
-    little the one that can be named is taken.
+    Others that came near it get the same chance: what is compared is each effect at its best, here and where it is a
+    rival later. Of two that leave as little the one that can be named is taken.
     """
     best = state.shaped(chosen) or chosen
     if state.chosen is not None:
@@ -334,9 +334,7 @@ def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
         state.tried = [shaped if one is item else one for one in state.tried]
         level = LEVEL_GROUND if shaped.named and not best.named else 1.0
         if error_left(state.problem, shaped.model_fit) < level * error_left(state.problem, best.model_fit):
-            state.tried = [
-                best if one.effect == best.effect else one for one in state.tried
-            ]  # as a rival, at its best
+            state.tried = [best if one.effect == best.effect else one for one in state.tried]
             best = shaped
     return best
 

@@ -213,9 +213,8 @@ def _shaken(
         run = replace(run, torque=run.torque + heard)
     raw = raw_residual(data, packed, compared_motion(data, run))
     own = raw.copy()
-    shaking = run.disturbance - clockless(
-        data, np.zeros(len(run.disturbance))
-    )  # neither has what the clock makes
+    # what is compared has nothing of the torque that follows the clock, and of what shakes the twin it is left out too
+    shaking = run.disturbance - clockless(data, np.zeros(len(run.disturbance)))
     own[1:] += 0.5 * (shaking[1:] + shaking[:-1])
     return chunks.power(raw), chunks.power(own)
 

@@ -191,7 +191,6 @@ def _strongest(
     fine = np.linspace(max(grid[best] - step, lowest), grid[best] + step, 41)
     order = float(fine[int(np.argmax(_power(position, rest, fine, scale)))])
     whole = round(order)
-    near = (
-        scale == 1.0 and whole > 0 and abs(order - whole) < step
-    )  # waves a metre are as likely no whole number
+    # waves a metre are as likely no whole number
+    near = scale == 1.0 and whole > 0 and abs(order - whole) < step
     return float(whole) if near else order
