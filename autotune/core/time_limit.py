@@ -23,6 +23,11 @@ def deadline(seconds: float) -> float:
     return monotonic() + seconds
 
 
+def is_over(until: float) -> bool:
+    """Whether a `deadline` has passed."""
+    return monotonic() > until
+
+
 @contextmanager
 def limited(until: float) -> Iterator[None]:
     """Has work inside end with `TimeIsUp` soon after a `deadline`."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import AutotuneError
+from autotune.core.time_limit import is_over
 from autotune.diagnosis.candidates import Progress
 from autotune.diagnosis.confirmation import (
     Elsewhere,
@@ -106,14 +107,21 @@ def of_each(
     searched: Callable[[Prepared], Searched],
     judge: Judge,
     progress: Progress,
+    until: float = math.inf,
 ) -> Diagnosis | None:
     """What recordings show that are searched one by one, each with its own base, and what the others say of it.
 
     None where they are diagnosed together: one by one they tell nothing, or a veto trajectory tells of all of them.
+    After the deadline `until` no further one is begun.
     """
     alone: list[_Alone] = []
     silent: list[str] = []
+    whole = True
     for number, part in own:
+        if alone and is_over(until):
+            silent.append(f"Recording {number} was not searched: there was no time left.")
+            whole = False
+            continue
         progress(f"recording {number} by itself")
         try:
             found, nominal, notes = searched(prepared_to_fit(part))
@@ -138,7 +146,8 @@ def of_each(
             break
     if best is None:
         return None
-    return _unless_contradicted(replace(best, notes=(*silent, *best.notes)), [one.verdict for one in alone])
+    best = replace(best, notes=(*silent, *best.notes), complete=best.complete and whole)
+    return _unless_contradicted(best, [one.verdict for one in alone])
 
 
 def _unless_contradicted(best: Diagnosis, alone: Sequence[Diagnosis]) -> Diagnosis:

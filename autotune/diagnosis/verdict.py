@@ -147,7 +147,7 @@ def diagnose(
         return _searched(data, model, progress, policy, candidates, contrary, until)
 
     own = own_recordings(recordings, data)
-    verdict = of_each(own, searched, judge, progress)
+    verdict = of_each(own, searched, judge, progress, until)
     if verdict is None:
         there = searched(data)
         verdict = _together(there, progress)

@@ -247,7 +247,9 @@ def _verdict(word: str, *effects: str, confidence: str | None = None) -> Diagnos
     return Diagnosis(word, effects, confidence, *nothing)
 
 
-def _diagnosed(monkeypatch: pytest.MonkeyPatch, told: list[tuple[Diagnosis, Diagnosis]]) -> Diagnosis | None:
+def _diagnosed(
+    monkeypatch: pytest.MonkeyPatch, told: list[tuple[Diagnosis, Diagnosis]], until: float = math.inf
+) -> Diagnosis | None:
     """The verdict on recordings with what each says `told` by itself, and after it was carried to the others."""
     by_number = dict(enumerate(told, 1))
     monkeypatch.setattr(each_recording, "confirm", lambda *_: (None, []))
@@ -262,12 +264,19 @@ def _diagnosed(monkeypatch: pytest.MonkeyPatch, told: list[tuple[Diagnosis, Diag
         return _found(None), None, (str(number),)
 
     own = [(number, [number]) for number in by_number]
-    return of_each(own, searched, lambda _, notes, *__: by_number[int(notes[0])][0], lambda _: None)
+    return of_each(own, searched, lambda _, notes, *__: by_number[int(notes[0])][0], lambda _: None, until)
 
 
 NOTHING, SEEN = _verdict("none"), _verdict("named", "spring", confidence="suspected")
 SURE, LOST = _verdict("named", "spring", confidence="confirmed"), _verdict("unknown")
 REFUSED = _verdict("refused")
+
+
+def test_where_time_is_up_no_further_recording_is_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = _diagnosed(monkeypatch, [(SEEN, SEEN), (SEEN, SURE)], until=0.0)
+    assert found is not None
+    assert (found.confidence, found.complete) == ("suspected", False)
+    assert found.notes == ("Recording 2 was not searched: there was no time left.", "1")
 
 
 @pytest.mark.parametrize(
