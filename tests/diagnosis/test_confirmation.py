@@ -1,5 +1,6 @@
 """What recordings say of an effect that was found in another one."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
