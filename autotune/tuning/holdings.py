@@ -89,9 +89,8 @@ def _holding(profile: str, content: dict[str, Any]) -> Holding:
             rest.append(words)
     ripple = content.get("ripple")
     (keeps if ripple else rest).append(_ripple(ripple))
-    return Holding(
-        profile, str(content.get("title", profile)), tuple(keeps), (*rest, "the diagnosed effects beyond")
-    )
+    needs_host = (*rest, "the diagnosed effects beyond")
+    return Holding(profile, str(content.get("title", profile)), tuple(keeps), needs_host, bool(ripple))
 
 
 def _ripple(entry: dict[str, Any] | None) -> str:

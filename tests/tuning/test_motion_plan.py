@@ -61,3 +61,17 @@ def test_a_run_that_may_decide_a_diagnosis_says_what_that_adds() -> None:
     assert (may.low, may.high, may.speed) != (without.low, without.high, without.speed)
     assert may.low <= without.low < without.high <= may.high
     assert planned_run(axis(), "check", decide=True) is None
+
+
+@pytest.mark.parametrize(
+    "profile", ["moteus", "beckhoff-ax8000", "autotune-sim-harmonics", "autotune-sim-moteus"]
+)
+def test_a_drive_that_holds_ripple_is_swept_over_a_turn_and_that_is_told(profile: str) -> None:
+    without, holds = (
+        planned_run(axis(), "commit"),
+        planned_run(axis().model_copy(update={"profile": profile}), "commit"),
+    )
+    assert without is not None
+    assert holds is not None
+    assert holds.high - holds.low > 6.28 > without.high - without.low
+    assert holds.seconds > without.seconds + 10.0
