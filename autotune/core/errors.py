@@ -24,6 +24,7 @@ so what a terminal would obey is not in its text, and neither is a book.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 LONGEST_NAME = 40
 """Characters of a name in a message."""
@@ -98,8 +99,8 @@ class HostLate(LinkError):
         super().__init__(message)
         self.seconds = seconds
 
-    def __reduce__(self) -> tuple[type[HostLate], tuple[str, float]]:
-        return type(self), (str(self), self.seconds)
+    def __reduce__(self) -> tuple[type[HostLate], tuple[str, float], dict[str, Any]]:
+        return type(self), (str(self), self.seconds), self.__dict__
 
 
 class TransferAborted(LinkError):

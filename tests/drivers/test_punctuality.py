@@ -127,6 +127,9 @@ def test_a_host_that_is_nearly_too_late_is_told_once_a_session(caplog: pytest.Lo
 
 
 def test_the_error_travels_between_processes() -> None:
-    error = pickle.loads(pickle.dumps(HostLate("late", 0.3)))
+    late = HostLate("late", 0.3)
+    late.add_note("power could not be taken off")
+    error = pickle.loads(pickle.dumps(late))
     assert isinstance(error, HostLate)
     assert (str(error), error.seconds, error.exit_code) == ("late", 0.3, 5)
+    assert error.__notes__ == ["power could not be taken off"]
