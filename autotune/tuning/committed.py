@@ -14,6 +14,7 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
 from autotune.tuning.accepted import accepted_since
 from autotune.tuning.commit import RELATIVE_RESOLUTION
+from autotune.tuning.journal import ROLLBACK
 from autotune.tuning.results import run_folders, run_results
 from autotune.tuning.stage_prove import ENABLED
 
@@ -85,9 +86,7 @@ def _kept_runs(runs: Path, axis: Axis) -> tuple[list[tuple[Path, Committed]], bo
             kept.append((directory, _committed(directory, content)))
             newest_kept = newest_kept or directory.name
     rolled_back = any(
-        directory.name > newest_kept
-        and content.get("stage") == "rollback"
-        and content.get("outcome") == "kept"
+        directory.name > newest_kept and content.get("stage") == ROLLBACK and content.get("outcome") == "kept"
         for directory, content in run_results(runs, axis.name, "journal.json")
     )
     return kept, rolled_back

@@ -27,6 +27,8 @@ FILE_NAME = "journal.json"
 COPY_NAME = "journal.copy.json"
 FILES = (COPY_NAME, FILE_NAME)
 """In the order in which they are written."""
+ROLLBACK = "rollback"
+"""The stage of a rollback; one that is kept ends what the runs before it have committed."""
 
 
 class CommitPhase(StrEnum):

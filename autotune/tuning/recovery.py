@@ -14,7 +14,7 @@ from autotune.core.errors import ConfigurationError, DriveError
 from autotune.core.loop import Loop
 from autotune.tuning.backup import Backup, backup_ids, load_backup
 from autotune.tuning.commit import COARSEST, RELATIVE_RESOLUTION, SWITCHES, put_back, verify, write_verified
-from autotune.tuning.journal import CommitPhase, DamagedJournal, Journal, journals
+from autotune.tuning.journal import ROLLBACK, CommitPhase, DamagedJournal, Journal, journals
 from autotune.tuning.kept_run import complete
 from autotune.tuning.same_drive import differences, named
 
@@ -111,11 +111,13 @@ def put_right(loop: Loop, runs: Path, journal: Journal) -> tuple[str, list[str]]
 
 
 def _close(journal: Journal) -> None:
-    """A run that had kept its parameters counts as kept, and its record is completed."""
-    kept = journal.state.phase is CommitPhase.KEPT
+    """A run that had kept its parameters counts as kept, and its record is completed; so does a finished rollback."""
+    state = journal.state
+    kept = state.phase is CommitPhase.KEPT
     if kept:
-        complete(journal.directory, journal.state)
-    journal.close("kept" if kept else "aborted")
+        complete(journal.directory, state)
+    rolled_back = state.stage == ROLLBACK and state.phase is CommitPhase.RESTORED
+    journal.close("kept" if kept or rolled_back else "aborted")
 
 
 def misfits(journal: Journal, backup: Backup | None, held: Mapping[str, float]) -> list[str]:

@@ -12,7 +12,7 @@ from autotune.core.loop import Loop
 from autotune.core.ripple_parameters import alignment_of
 from autotune.tuning.backup import Backup, backup_ids, load_backup, take_backup
 from autotune.tuning.commit import must_be_aligned, parameters_beside, put_back
-from autotune.tuning.journal import CommitPhase, DamagedJournal, Journal
+from autotune.tuning.journal import ROLLBACK, CommitPhase, DamagedJournal, Journal
 from autotune.tuning.recovery import damaged_journals, open_journals, put_right
 from autotune.tuning.run_directory import axis_lock, make_run_directory
 from autotune.tuning.same_drive import differences
@@ -47,14 +47,16 @@ def roll_back(
             present = parameters_beside(loop, backup.parameters)
             zero = alignment_of(loop.read_parameters())
             take_backup(runs, axis.name, loop.identity, present, now, zero)
-            journal.note(stage="rollback", backup=backup.id, phase=CommitPhase.STORING, written=present)
+            journal.note(stage=ROLLBACK, backup=backup.id, phase=CommitPhase.STORING, written=present)
             put_back(loop, backup, journal)
             _settle(doubtful, tell)
             journal.note(recovered=True)
         finally:
-            loop.close()
-            if not journal.state.left_something:
-                journal.note(outcome="kept" if journal.state.phase is CommitPhase.RESTORED else "aborted")
+            try:
+                loop.close()
+            finally:
+                if not journal.state.left_something:
+                    journal.note(outcome="kept" if journal.state.phase is CommitPhase.RESTORED else "aborted")
     return backup
 
 

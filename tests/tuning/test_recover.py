@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autotune.core.errors import ConfigurationError, DriveError, IdentityMismatch
+from autotune.core.errors import ConfigurationError, DriveError, IdentityMismatch, LinkError
 from autotune.tuning import journal as journal_module
 from autotune.tuning.backup import Backup, backup_ids, load_backup, take_backup
 from autotune.tuning.commit import commit
@@ -180,6 +180,31 @@ def test_a_rollback_cut_anywhere_is_finished_by_the_next_start(tmp_path: Path, c
     assert drive.stored == drive.volatile
     assert drive.stored in (OLD, NEW)  # wholly the one or wholly the other
     assert [one for one in unfinished(tmp_path, axis.name) if one.state.left_something] == []
+
+
+class FailingAtItsEnd(CuttingLoop):
+    """The link is lost as it is closed."""
+
+    def close(self) -> None:
+        raise LinkError("the wire was cut")
+
+
+@pytest.mark.parametrize("loop", [CuttingLoop(MemoryDrive(), 7, Dead), FailingAtItsEnd(MemoryDrive())])
+def test_a_run_is_not_in_force_any_more_after_a_rollback_that_was_cut(
+    tmp_path: Path, loop: CuttingLoop
+) -> None:
+    axis, drive = axis_of(), MemoryDrive()
+    journal = begin(tmp_path, axis=axis.name)
+    journal.note(fingerprint=axis.fingerprint)
+    assert commit(loop_of(drive), NEW, journal, tmp_path, NOW, lambda: True)
+    recover(loop_of(drive), tmp_path, begin(tmp_path, axis=axis.name))
+    loop.drive, loop.identity = drive, loop_of(drive).identity
+    with pytest.raises((Dead, LinkError)):
+        roll_back(axis, lambda: loop, tmp_path, NOW)
+    if drive.stored != OLD:
+        recover(loop_of(drive), tmp_path, begin(tmp_path, axis=axis.name))
+    assert drive.stored == drive.volatile == OLD
+    assert in_force(tmp_path, axis, drive.volatile).committed is None
 
 
 # Damage
