@@ -12,6 +12,9 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.core.units import torque_symbol
 from autotune.identify.characteristic import Points
 from autotune.identify.steady_state import steady_points
+from autotune.models import layout
+from autotune.models.contact import elements_carry, friction_limit, stiffened, viscous_coefficient
+from autotune.models.contributions import all_multiplied
 from autotune.models.drive_model import DriveModel
 from autotune.models.total_friction import total_friction
 from autotune.monitoring.friction_scale import FrictionScale, friction_scale
@@ -19,6 +22,9 @@ from autotune.recordings.recording import Recording, concatenate
 from autotune.tuning.proof import TrackingError, fold, tracking_error
 
 QUANTILE = 1.96
+PLACES = 32
+AT_ZERO = np.zeros(1)
+_level_factor = all_multiplied("level_factor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +100,7 @@ def figures(
     return CheckFigures(
         Figure(*level, torque),
         {name: Figure(*found, units[name]) for name, found in straight_line(points).items()},
-        expected_level(model, points) if model is not None else None,
+        expected_level(model, points, _places(moving)) if model is not None else None,
         _tracking(compensated, frequency),
         _tracking(uncompensated, frequency),
         _temperature(whole),
@@ -141,17 +147,34 @@ def straight_line(points: Points) -> dict[str, tuple[float, float]]:
     return {name: (float(solution[i]), float(errors[i])) for i, name in enumerate(names)}
 
 
-def expected_level(model: DriveModel, points: Points) -> float:
-    """What the model says that `friction_level` would give at the same speeds [N m or N]."""
-    values = model.parameters
-    coulomb, viscous = values["coulomb"].value, values["viscous"].value
-    break_away = values["break_away"].value if "break_away" in values else coulomb
-    elements = total_friction(model).value - coulomb
-    scale = values["stribeck_velocity"].value if "stribeck_velocity" in values else 1.0
-    speed = np.abs(points.velocity)
-    torque = coulomb + (break_away - coulomb) * np.exp(-((speed / scale) ** 2)) + viscous * speed + elements
+def expected_level(model: DriveModel, points: Points, places: Floats = AT_ZERO) -> float:
+    """What the model says that `friction_level` would give at the same speeds [N m or N].
+
+    `places`: where the legs have gone; friction that depends on the place is averaged over them.
+    """
+    torque = np.array([_opposing(model, float(v), places) for v in points.velocity])
     sides = [torque[points.velocity > 0], torque[points.velocity < 0]]
     return 0.5 * float(sum(side.mean() for side in sides))
+
+
+def _opposing(model: DriveModel, velocity: float, places: Floats) -> float:
+    """Torque against steady motion at a velocity, without offset, as a mean over places [N m or N]."""
+    packed = model.pack()
+    p, on = packed.p, packed.on
+    state = np.zeros(layout.STATES)
+    stiffness = float(p[layout.STIFFNESS]) * stiffened(p, on, state, velocity)
+    elements = (total_friction(model).value - model["coulomb"]) * elements_carry(p, on, state, velocity)
+    torque = [
+        stiffness * friction_limit(p, on, state, float(place), velocity)
+        + _level_factor(elements, p, on, state, float(place))
+        for place in places
+    ]
+    return float(np.mean(torque)) + viscous_coefficient(p, on, state, velocity) * abs(velocity)
+
+
+def _places(legs: Recording) -> Floats:
+    """Where the legs have been, in equal shares of their time."""
+    return np.quantile(legs["position"], (np.arange(PLACES) + 0.5) / PLACES)
 
 
 def position_noise(legs: Recording) -> float:
