@@ -23,10 +23,9 @@ from autotune.recordings.recording import Recording
 from autotune.tuning.committed import Committed, InForce, in_force
 from autotune.tuning.files import finite, write_json
 from autotune.tuning.journal import Journal
-from autotune.tuning.preparation import SessionRequest, connected, own_run, prepared
+from autotune.tuning.preparation import SessionRequest, connected, own_feedforward, own_run, prepared
 from autotune.tuning.recovery import recover
 from autotune.tuning.session import Session
-from autotune.tuning.stage_prove import ENABLED
 
 SCHEMA_VERSION = 1
 
@@ -106,7 +105,7 @@ def check_axis(request: CheckRequest) -> CheckResult:
             notes = recover(loop, request.runs, run.journal)
             parameters = loop.read_parameters()
             present = _forgiving(axis.link, in_force(request.runs, axis, parameters))
-            own = bool(parameters.get(ENABLED, 0.0))
+            own = own_feedforward(parameters)
             with prepared(request, loop, run.journal) as session:
                 measured = _measure(session, plan, present, own)
         result = _result(request, run.started, session, measured, present, notes)
@@ -124,7 +123,7 @@ def _outcome(journal: Journal, whole: bool) -> Mapping[str, str]:
     return {"stage": "look", "outcome": "not_applied" if whole else "aborted"}
 
 
-def _measure(session: Session, plan: CheckPlan, present: InForce, own: bool) -> CheckFigures:
+def _measure(session: Session, plan: CheckPlan, present: InForce, own: Mapping[str, float]) -> CheckFigures:
     session.begin("look", plan.duration)
     legs, _ = session.play("legs", [plan.legs])
     uncompensated, _ = session.play(UNCOMPENSATED, [plan.window(UNCOMPENSATED)])
@@ -144,16 +143,16 @@ def _window(recording: Recording, label: str) -> Recording:
 
 
 @contextmanager
-def _as_committed(session: Session, own: bool) -> Iterator[None]:
+def _as_committed(session: Session, own: Mapping[str, float]) -> Iterator[None]:
     """The drive's own feedforward as it was found; `prepared` has switched it off and journalled that."""
     if not own:
         yield
         return
-    session.loop.write_parameters({ENABLED: 1.0})
+    session.loop.write_parameters(own)
     try:
         yield
     finally:
-        session.loop.write_parameters({ENABLED: 0.0})
+        session.loop.write_parameters(dict.fromkeys(own, 0.0))
 
 
 def _result(
