@@ -89,7 +89,7 @@ def put_right(loop: Loop, runs: Path, journal: Journal) -> tuple[str, list[str]]
     if not journal.state.left_something:
         _close(journal)
         return sentence, []
-    backup = _backup_of(runs, journal)
+    backup = backup_of(runs, journal)
     meant = journal.state.identity or (backup.identity if backup else {})
     other = differences(meant, loop.identity)
     if other:
@@ -144,7 +144,7 @@ def _among(one: float, values: Sequence[float], resolution: float) -> bool:
     return any(abs(one - value) <= resolution * max(abs(value), 1e-6) for value in values)
 
 
-def _backup_of(runs: Path, journal: Journal) -> Backup | None:
+def backup_of(runs: Path, journal: Journal) -> Backup | None:
     """What an open commit rests on. Raises ConfigurationError where it cannot be read."""
     state = journal.state
     return load_backup(runs, state.axis, state.backup) if state.commit_open else None

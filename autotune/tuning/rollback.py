@@ -13,7 +13,7 @@ from autotune.core.ripple_parameters import alignment_of
 from autotune.tuning.backup import Backup, backup_ids, load_backup, take_backup
 from autotune.tuning.commit import must_be_aligned, parameters_beside, put_back
 from autotune.tuning.journal import ROLLBACK, CommitPhase, DamagedJournal, Journal
-from autotune.tuning.recovery import damaged_journals, open_journals, put_right
+from autotune.tuning.recovery import backup_of, damaged_journals, describe, open_journals, put_right
 from autotune.tuning.run_directory import axis_lock, make_run_directory
 from autotune.tuning.same_drive import differences
 
@@ -28,8 +28,9 @@ def roll_back(
 ) -> Backup:
     """Writes a backup to the drive and stores it; what was there is backed up first.
 
-    A rollback is a person's word: afterwards journals that are damaged, or that the drive does not fit, are
-    closed. `identifier`: the newest backup of this drive where it is None. `tell`: hears what was put right.
+    A rollback is a person's word: afterwards journals that are damaged, that rest on a damaged backup, or that the
+    drive does not fit, are closed. `identifier`: the newest backup of this drive where it is None. `tell`: hears what
+    was put right.
 
     Raises:
         ConfigurationError: no such backup. IdentityMismatch: the backup is of another drive.
@@ -89,6 +90,13 @@ def _recovered(
     """Puts right what fits; what a person's word is needed for is returned."""
     doubtful: list[Journal | DamagedJournal] = list(damaged_journals(loop, runs, own))
     for journal in open_journals(runs, own):
+        try:
+            backup_of(runs, journal)
+        except ConfigurationError as error:
+            tell(f"{describe(journal)}, which cannot be put back: {error}")
+            if not differences(journal.state.identity, loop.identity):
+                doubtful.append(journal)
+            continue
         sentence, wrong = put_right(loop, runs, journal)
         tell(f"{sentence}; the drive has been changed since ({'; '.join(wrong)})" if wrong else sentence)
         if wrong:
@@ -104,5 +112,5 @@ def _settle(doubtful: list[Journal | DamagedJournal], tell: Callable[[str], None
         else:
             left = ", ".join(f"{name} = {value:.9g}" for name, value in journal.state.changed.items())
             if left:
-                tell(f"not put back, as the drive has been changed since; before that run it held {left}")
+                tell(f"not put back; before that run the drive held {left}")
             journal.note(outcome="aborted", phase=CommitPhase.RESTORED, changed={}, during={})

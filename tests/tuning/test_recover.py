@@ -124,6 +124,23 @@ def test_a_rollback_is_a_persons_word_and_settles_it(tmp_path: Path) -> None:
     assert any("0.7" in sentence for sentence in told)
 
 
+@pytest.mark.parametrize(("serial", "waits"), [(1000, False), (1007, True)])
+def test_a_rollback_to_another_backup_settles_a_run_whose_own_is_damaged(
+    tmp_path: Path, serial: int, waits: bool
+) -> None:
+    """But for a run on another drive, which waits for that."""
+    axis, drive = axis_of(), MemoryDrive()
+    journal = killed_while_proving(tmp_path, drive, axis=axis.name)
+    journal.note(identity=loop_of(drive).identity)
+    damage(tmp_path / "backups" / axis.name, f"{journal.state.backup}.json")
+    other = take_backup(tmp_path, axis.name, loop_of(drive, serial).identity, FOREIGN, NOW)
+    told: list[str] = []
+    roll_back(axis, lambda: loop_of(drive, serial), tmp_path, NOW, other.id, told.append)
+    assert drive.stored == drive.volatile == FOREIGN
+    assert any("damaged and is not used" in sentence for sentence in told)
+    assert [one.directory for one in unfinished(tmp_path, axis.name)] == [journal.directory] * waits
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.sampled_from([0, 1]), min_size=3, max_size=3), st.integers(0, 2), st.floats(0.0, 100.0))
 def test_any_mix_of_old_and_new_is_put_back_and_nothing_else_is(
