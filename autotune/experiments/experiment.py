@@ -9,7 +9,7 @@ owner in `Played`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -169,6 +169,17 @@ def needs_of(plan: Plan, limits: Limits) -> Needs:
         speed=SPEED_MARGIN * float(np.abs(np.diff(r, prepend=r[0])).max()) / plan.period,
         acceleration=float(np.abs(plan.acceleration).max()),
         torque=float(np.abs(plan.torque).max()),
+    )
+
+
+def together(needs: Sequence[Needs]) -> Needs:
+    """What several references need, one after the other."""
+    return Needs(
+        position_min=min(one.position_min for one in needs),
+        position_max=max(one.position_max for one in needs),
+        speed=max(one.speed for one in needs),
+        acceleration=max(one.acceleration for one in needs),
+        torque=max(one.torque for one in needs),
     )
 
 

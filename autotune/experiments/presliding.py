@@ -34,7 +34,7 @@ from autotune.core.arrays import Floats
 from autotune.core.axis import Limits
 from autotune.core.drive import Command, Mode, Sample
 from autotune.core.errors import NotEnoughExcitation
-from autotune.experiments.experiment import Experiment, Needs, approach, needs_of
+from autotune.experiments.experiment import Experiment, Needs, approach, needs_of, together
 from autotune.experiments.path import ABANDONED, Item, Mark, Path, Plan, Steps, Switch
 from autotune.recordings.recording import CONDITIONING
 from autotune.signals.excitation import decaying_sine, multisine
@@ -178,7 +178,8 @@ class Presliding(Experiment):
         return survey + self.relaxing[0].duration + trials + self.sets * SET_SECONDS
 
     def needs(self, limits: Limits) -> Needs:
-        return needs_of(self.survey, limits)
+        """Of the survey, and of the sine that relaxes the axis."""
+        return together([needs_of(self.survey, limits), needs_of(self.relaxing[0], limits)])
 
     def run(self, start: Sample) -> Steps:
         sample = yield Mark(CONDITIONING)

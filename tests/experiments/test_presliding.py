@@ -76,3 +76,14 @@ def test_a_mirrored_axis_is_told_by_the_load_that_it_bears() -> None:
     with pytest.raises(NotEnoughExcitation, match="turned round"):
         play(drive, sets=3)
     assert drive.fastest < AXIS.limits.speed
+
+
+def test_what_is_announced_covers_all_that_moves_the_axis() -> None:
+    """Regression: the sine that relaxes the axis goes half as far again as the survey, and was not counted."""
+    experiment = Presliding(MOTION)
+    needs = experiment.needs(AXIS.limits)
+    for plan in (experiment.survey, experiment.relaxing[0]):
+        assert needs.position_min < plan.reference.min()
+        assert plan.reference.max() < needs.position_max
+        assert abs(plan.velocity).max() < needs.speed
+        assert abs(plan.acceleration).max() <= needs.acceleration
