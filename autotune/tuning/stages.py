@@ -65,7 +65,8 @@ def perform(request: Request, session: Session, state: RunState) -> None:
         if not _watched(_STAGES[stage], request, session, state):
             break
         state.whole.append(stage)
-        save_findings(session, state.findings, state.whole)
+        if stage != "check":  # which finds nothing, and would hide what an earlier run has found
+            save_findings(session, state.findings, state.whole)
     if request.only is not None and not state.verdict:
         state.verdict = f"Stage '{request.only}' is done; nothing was applied."
 

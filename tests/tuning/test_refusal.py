@@ -18,11 +18,14 @@ from autotune.core.drive import Command, Mode, Sample
 from autotune.core.errors import GuardStop, LinkTimeout
 from autotune.core.loop import LocalLoop, Loop
 from autotune.monitoring.check import CheckRequest, check_axis
+from autotune.tuning.findings import FILE_NAME as FINDINGS
+from autotune.tuning.findings import latest_run
 from autotune.tuning.link_check import check_link
 from autotune.tuning.outcome import Outcome, RunResult
 from autotune.tuning.progress import Silent
 from autotune.tuning.recording_run import record_programme
 from autotune.tuning.run import Request, tune
+from autotune.tuning.run_directory import make_run_directory
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.presets import Gains, Preset, preset
 from tests.end_to_end.support import EXAMPLE
@@ -93,6 +96,14 @@ def test_a_check_says_what_it_saw_and_never_powers(tmp_path: Path) -> None:
     assert "Signature" not in page
     assert ">Checked<" in page
     assert f"autotune {__version__}" in page
+
+
+def test_a_check_does_not_hide_what_an_earlier_run_has_found(tmp_path: Path) -> None:
+    """Regression: a proved run could not be committed any more after it."""
+    earlier = make_run_directory(tmp_path, axis().name, datetime.now())
+    (earlier / FINDINGS).write_text("{}")
+    assert run(Watched(preset("edm-vertical")), tmp_path, only="check").exit_code == 0
+    assert latest_run(tmp_path, axis(), FINDINGS) == earlier
 
 
 @pytest.mark.parametrize("only", ["check", None, "experiment"])
