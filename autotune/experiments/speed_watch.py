@@ -40,7 +40,7 @@ class SpeedWatch:
     def begin(self, position: float, period: float) -> None:
         """The axis stands at `position`."""
         self._positions = [position] * _RING
-        self._times = [(k - _RING) * period for k in range(_RING)]
+        self._times = [(k - _RING + 1) * period for k in range(_RING)]
         self._time = self._reported = 0.0
         self._at = 0
 
