@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from multiprocessing import Pipe
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -171,6 +172,24 @@ def test_closing_after_a_death_restores(opener: FakeOpener) -> None:
     loop = CyclicLoop.open(opener)
     with pytest.raises(LinkError):
         loop.play(Calls(kill_self))
+    loop.close()
+    assert opener.log[-2:] == ["inherited", "closed"]
+
+
+def test_a_routine_that_is_not_there_does_not_make_the_owner_forget_what_to_restore(
+    opener: FakeOpener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here_only = ModuleType("here_only")
+    monkeypatch.setitem(sys.modules, "here_only", here_only)
+    monkeypatch.setattr(Sine, "__module__", "here_only")
+    monkeypatch.setattr(here_only, "Sine", Sine, raising=False)
+    loop = CyclicLoop.open(opener)
+    with pytest.raises(ConfigurationError, match="importable module"):
+        loop.play(Sine(3))
+    assert loop.process_id is not None
+    os.kill(loop.process_id, signal.SIGKILL)
+    with pytest.raises(LinkError, match=r"died \(signal 9\)"):
+        loop.faults()
     loop.close()
     assert opener.log[-2:] == ["inherited", "closed"]
 

@@ -177,7 +177,7 @@ class Server:
             except (EOFError, ConnectionError):
                 return
             except Exception as error:  # noqa: BLE001 - what does not unpickle may raise anything
-                self._send(Failed(_not_here(error)))
+                self._send(Failed(_not_here(error), self._drive.backup()))
                 continue
             if request is None:
                 return
