@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from autotune.core.drive_recording import DriveRecording
-from autotune.core.errors import ConfigurationError, LinkError, RecordingError
+from autotune.core.errors import ConfigurationError, LinkError, LinkTimeout, RecordingError
 from autotune.core.loop import LocalLoop
 from autotune.experiments.path import Motion
 from autotune.experiments.record import Recorder, metadata_for, play
@@ -20,7 +20,9 @@ from autotune.recordings.joining import join
 from autotune.recordings.recording import Metadata, Recording
 from autotune.tuning.drive_recorder import groups
 from autotune_drivers.canopen.drive import CanopenDrive
+from autotune_drivers.canopen.objects import ObjectRef, Raw
 from autotune_drivers.canopen.opening import open_drive
+from autotune_drivers.canopen.sdo import Sdo
 from autotune_drivers.profile import read_profile
 from autotune_sim.device import Device
 from tests.drivers.simulator import axis_of
@@ -99,6 +101,29 @@ def test_settings_of_the_recorder_are_put_back() -> None:
         drive.begin_recording(1.0)
         assert rig.device.objects.number(0x2401, 7) != before[7]
         drive.close()  # while it is still armed
+    assert {sub: rig.device.objects.number(0x2401, sub) for sub in range(1, 9)} == before
+
+
+def test_a_recorder_whose_start_was_not_answered_is_stopped_and_its_settings_put_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig({})
+    before = {sub: rig.device.objects.number(0x2401, sub) for sub in range(1, 9)}
+    with virtual_time(rig):
+        drive = open_drive(rig, NODE, AXIS, read_profile("autotune-sim"))
+        recorder, write = read_profile("autotune-sim").recorder, Sdo.write
+        assert recorder is not None
+
+        def unanswered(sdo: Sdo, ref: ObjectRef, value: Raw) -> None:
+            write(sdo, ref, value)
+            if (ref, value) == (recorder.control, recorder.start):
+                raise LinkTimeout("no answer")
+
+        with monkeypatch.context() as patched:
+            patched.setattr(Sdo, "write", unanswered)
+            with pytest.raises(LinkTimeout):
+                drive.begin_recording(1.0)
+        drive.close()
     assert {sub: rig.device.objects.number(0x2401, sub) for sub in range(1, 9)} == before
 
 

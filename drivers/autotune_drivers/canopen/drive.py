@@ -381,8 +381,8 @@ class CanopenDrive:
 
     def begin_recording(self, seconds: float) -> None:
         """Starts the drive's recorder. Raises ConfigurationError (too long), LinkError."""
+        self._marks = []  # from here on it may be armed, whatever becomes of the start
         self._recorder.begin(seconds)
-        self._marks = []
 
     def end_recording(self) -> DriveRecording:
         """Stops the recorder and fetches it, with power off. Raises LinkError."""
@@ -425,13 +425,22 @@ class CanopenDrive:
             return [MAY_BE_ON]
         self._power.acknowledge()
         self._node.wire.stop_heartbeat()
-        if self._marks is not None:  # an armed recorder refuses that its settings are put back
-            self._marks = None
-            self._recorder.stop()
-        troubles = [*self._session.restore(self._leave_operational), *self._sdo.strays()]
+        troubles = self._recorder_off()
+        troubles += [*self._session.restore(self._leave_operational), *self._sdo.strays()]
         known = self._nmt_before in (OPERATIONAL, STOPPED)
         self._node.command(self._nmt_before if known else PRE_OPERATIONAL)
         return troubles
+
+    def _recorder_off(self) -> list[str]:
+        """An armed recorder refuses that its settings are put back. Raises LinkTimeout."""
+        if self._marks is None:
+            return []
+        self._marks = None
+        try:
+            self._recorder.stop()
+        except TransferAborted as error:
+            return [f"the drive's recorder could not be stopped: {error}"]
+        return []
 
     def _leave_operational(self) -> None:
         """PDOs are set with the node pre-operational."""
