@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, write_to_textfile
@@ -18,6 +19,16 @@ class PlayMetrics:
 
     def __init__(self, path: Path, axis: str) -> None:
         self._path, self._axis = path, axis
+        self._told = False
+
+    def keep_up(self, player: Player, say: Callable[[str], None]) -> None:
+        """As `write`; a file that cannot be written is told of once, and is no reason to drop an offset."""
+        try:
+            self.write(player)
+        except ConfigurationError as error:
+            if not self._told:
+                say(f"{error}; what is played does not depend on it")
+            self._told = True
 
     def write(self, player: Player) -> None:
         """Raises ConfigurationError: the file cannot be written."""

@@ -95,6 +95,8 @@ def _beside(
     """Prepares the drive, plays, and puts everything back."""
     troubles: list[str] = []
     try:
+        if metrics is not None:
+            metrics.write(player)
         sidecar.prepare()
         say(
             "watching the master's set points; the offset is faded in once the first moves fit the model. Should this "
@@ -104,7 +106,7 @@ def _beside(
     finally:
         troubles = sidecar.close(player.dropped)
     if metrics is not None:
-        metrics.write(player)
+        metrics.keep_up(player, say)
     if troubles:
         raise LinkError(
             f"{_ending(player)}; {'; '.join(troubles)}. Start 'autotune play' again, which tries once more"
@@ -131,4 +133,4 @@ def _play(
             say("playing: the model fits, the offset is faded in" if phase is Phase.PLAYING else "fading out")
         if metrics is not None and time.monotonic() >= due:
             due = time.monotonic() + EVERY
-            metrics.write(player)
+            metrics.keep_up(player, say)

@@ -6,13 +6,16 @@ import math
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from shutil import rmtree
 
 import pytest
 
 from autotune.control.torque_offset import STEP, Phase
 from autotune.core.drive import Sample
-from autotune.core.errors import ConfigurationError, IdentityMismatch
+from autotune.core.errors import ConfigurationError, IdentityMismatch, Interrupted
+from autotune.tuning import play_session
 from autotune.tuning.play import SILENCE, Laws, Player
+from autotune.tuning.play_metrics import PlayMetrics
 from autotune.tuning.play_model import host_model, must_be_tuned_drive
 from autotune_drivers.canopen.sidecar import Event, Foreign, Synchronised, Target, Told
 from tests.drivers.simulator import axis_of
@@ -111,6 +114,49 @@ def test_asked_to_stop_it_fades_out_and_ends_with_a_zero() -> None:
     assert world.player.dropped
     assert world.player.reason == ""
     assert world.sent[-1] == 0.0
+
+
+class Beside(World):
+    """A whole session in the same world."""
+
+    def prepare(self) -> None:
+        assert self.sent == []
+
+    def close(self, dropped: bool) -> list[str]:
+        assert dropped
+        return []
+
+
+def beside(world: Beside, metrics: PlayMetrics, stop: Callable[[], bool], say: Callable[[str], None]) -> None:
+    play_session._beside(world, world.player, metrics, stop, say)  # type: ignore[arg-type]
+
+
+def test_metrics_that_cannot_be_written_any_more_do_not_drop_the_offset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Regression: a full disk ended the program, and the offset with it, without fading out."""
+    world, said, folder = Beside(), list[str](), tmp_path / "metrics"
+    folder.mkdir()
+    monkeypatch.setattr(play_session, "EVERY", 0.0)
+
+    def stop() -> bool:
+        if world.cycles == 2000:
+            rmtree(folder)
+        return world.cycles > 2500
+
+    with pytest.raises(Interrupted):
+        beside(world, PlayMetrics(folder / "play.prom", "axis"), stop, said.append)
+    assert world.cycles > 2500
+    assert world.sent[-1] == 0.0
+    assert max(abs(b - a) for a, b in pairwise(world.sent)) < 0.05 * AXIS.limits.torque
+    assert len([sentence for sentence in said if "cannot be written" in sentence]) == 1
+
+
+def test_a_metrics_file_in_no_folder_is_refused_before_the_drive_is_touched(tmp_path: Path) -> None:
+    world = Beside()
+    with pytest.raises(ConfigurationError, match="choose another place"):
+        beside(world, PlayMetrics(tmp_path / "no" / "play.prom", "axis"), lambda: True, print)
+    assert world.cycles == 0
 
 
 def leap(world: World) -> None:
