@@ -132,6 +132,40 @@ def test_a_guard_for_another_master_is_put_back(running: Simulator) -> None:
     write(running, "1016:01 u32", 0)
 
 
+@pytest.mark.parametrize("held", [0, 127 << 16, 127 << 16 | 0x8096, 126 << 16 | 150, 150])
+def test_without_a_guard_that_stops_the_axis_in_time_power_stays_off(
+    running: Simulator, monkeypatch: pytest.MonkeyPatch, held: int
+) -> None:
+    """As a line without checksum garbles it, in every attempt."""
+    before = bus.settings(running.port)
+    drive = connect(running)
+    with monkeypatch.context() as patched:
+        _garble_the_guard(drive, patched, held)
+        with pytest.raises(LinkError, match="would not stop in time"):
+            drive.enable(Mode.POSITION)
+    assert drive.powered() is False
+    drive.close()
+    assert bus.settings(running.port) == before
+
+
+def test_a_guard_that_the_drive_rounds_is_one(running: Simulator, monkeypatch: pytest.MonkeyPatch) -> None:
+    drive = connect(running)
+    with monkeypatch.context() as patched:
+        _garble_the_guard(drive, patched, 127 << 16 | 152)
+        play(drive, [HOLD] * 5)
+    drive.close()
+
+
+def _garble_the_guard(drive: CanopenDrive, patched: pytest.MonkeyPatch, held: int) -> None:
+    guard, write = ObjectRef.parse("1016:01 u32"), drive._sdo.write
+
+    def garbling(ref: ObjectRef, raw: float, timeout: float | None = None) -> None:
+        ours = (ref.index, ref.sub) == (guard.index, guard.sub) and raw == 127 << 16 | 150
+        write(ref, held if ours else raw, timeout)
+
+    patched.setattr(drive._sdo, "write", garbling)
+
+
 def test_in_torque_mode_alone_a_fault_takes_torque_away(running: Simulator) -> None:
     before = bus.settings(running.port)
     drive = connect(running)

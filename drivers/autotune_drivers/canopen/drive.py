@@ -49,6 +49,9 @@ from autotune_drivers.units import Units
 MODE_WANTED = ObjectRef(0x6060, 0, "i8", "mode of operation")
 MODE_SHOWN = ObjectRef(0x6061, 0, "i8", "mode of operation display")
 FAULT_REACTION = ObjectRef(0x605E, 0, "i16", "fault reaction option code")
+HEARTBEAT_CONSUMER = 0x1016
+ROUNDED_UP = 1.05
+"""By so much a drive may make the time longer after which it stops."""
 SUPPORTED_MODES = ObjectRef(0x6502, 0, "u32", "supported drive modes")
 INCLUDES = "torque.demand_includes_feedforward"
 """Not in the drive, but how it is read: 1 or 0, where the profile says that it has to be found."""
@@ -161,10 +164,20 @@ class CanopenDrive:
         if self._exchange.slow_signal is not None:
             self._exchange.told_slow(self._sdo.read(self._exchange.slow_signal))
         self._node.command(OPERATIONAL)
-        self._session.write(self._guard, self._guarded)
+        self._be_guarded()
         offset = self._profile.commands.torque_feedforward.ref
         self._read_back.begin([(self._target(mode).ref, _TARGET), (offset, _OFFSET)])
         self._node.wire.start_heartbeat()  # watching begins with the first one after this
+
+    def _be_guarded(self) -> None:
+        """Raises LinkError: the drive would not stop in time if this host fell silent."""
+        held = self._session.write(self._guard, self._guarded)
+        node = int(self._guarded) & ~0xFFFF if self._guard.index == HEARTBEAT_CONSUMER else 0
+        if not 0 < held - node <= ROUNDED_UP * (self._guarded - node):
+            raise LinkError(
+                f"node {self._node.number}: {self._guard} is {held} after {self._guarded} was written, so the drive "
+                "would not stop in time if this host fell silent. Power stays off; look at adapter and cable"
+            )
 
     def _must_be_alone(self) -> None:
         self._node.wire.drain()
@@ -467,4 +480,4 @@ def _guard(profile: Profile, units: Units, own_node: int) -> tuple[ObjectRef, Ra
         ref = watchdog.named("communication watchdog").ref
         return ref, ref.raw(profile.guard.consume / units.factor(watchdog.unit))
     milliseconds = round(profile.guard.consume * 1e3)
-    return ObjectRef(0x1016, 1, "u32", "consumer heartbeat time"), own_node << 16 | milliseconds
+    return ObjectRef(HEARTBEAT_CONSUMER, 1, "u32", "consumer heartbeat time"), own_node << 16 | milliseconds

@@ -78,13 +78,19 @@ class Session:
         self._present[key] = present
         return present
 
-    def write(self, ref: ObjectRef, raw: Raw) -> None:
-        """Changes an object. Raises LinkError, ConfigurationError (it cannot be noted)."""
-        if self.remember(ref) != raw:
-            key = (ref.index, ref.sub)
-            self._keep(key, raw)
-            self._changed.add(key)
-            self._put(ref, raw)  # a drive may round it
+    def write(self, ref: ObjectRef, raw: Raw) -> Raw:
+        """Changes an object; what it holds then, as a drive may round it.
+
+        Raises:
+            LinkError: no answer, or refused. ConfigurationError: it cannot be noted.
+        """
+        present = self.remember(ref)
+        if present == raw:
+            return present
+        key = (ref.index, ref.sub)
+        self._keep(key, raw)
+        self._changed.add(key)
+        return self._put(ref, raw)
 
     def write_if_there(self, ref: ObjectRef, raw: Raw) -> bool:
         """Changes an object; False where the drive does not have it. Raises LinkError."""
