@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,14 +15,18 @@ from starlette.testclient import TestClient
 from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
 from autotune.models.model_file import parse_model, read_model, write_model
+from autotune.service import work
 from autotune.service.access import AccessGuard, Rules
 from autotune.service.api import make_api
 from autotune.service.inline import Ended, do_at_once
 from autotune.service.orders import Order
 from autotune.service.work import Tools
+from autotune.tuning.outcome import Outcome, RunResult
 from autotune.tuning.progress import Silent
+from autotune.tuning.proof import TrackingError
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.presets import preset
+from tests.service.conftest import START, write_axis
 
 World = Any
 AUTH = {"Authorization": "Bearer a-token-that-is-long-enough"}
@@ -111,6 +116,54 @@ def test_an_input_that_the_drive_does_not_have_is_said(real: Callable[[str], Rea
     row = real('[axes.idle]\nby = "input"\ninput = "digital.none"').job("check")
     assert row["outcome"] == "refused"
     assert "digital.none" in row["sentence"]
+
+
+def error(peak: float) -> TrackingError:
+    return TrackingError(peak, peak, peak)
+
+
+def order(tmp_path: Path, kind: str = "commit") -> tuple[Order, Tools]:
+    """A job on an axis whose drive is never opened."""
+    runs = tmp_path / "runs"
+    runs.mkdir()
+    axis, options = read_axis(write_axis(tmp_path, "one")), {"proposal": "proved"}
+    tools = Tools(axis, lambda: pytest.fail("opened"), Silent(), lambda: START)
+    return Order("a" * 32, "one", kind, "one.toml", str(runs), options), tools
+
+
+FRICTION, RIPPLE = {"feedforward.coulomb": 0.3}, {"feedforward.ripple.gain": 1.0}
+PART = {"host": ["presliding"], "predicted_peak_error": 0.6}
+
+
+@pytest.mark.parametrize(
+    ("held", "reduction", "alone", "with_host", "outcome"),
+    [
+        (FRICTION, {}, 0.5, None, "kept"),
+        (FRICTION, {}, 0.9, None, "rolled_back"),
+        (FRICTION, PART, 0.9, 0.2, "kept"),
+        (FRICTION, PART, 0.9, 0.8, "rolled_back"),
+        (FRICTION, PART | {"host": []}, 0.75, None, "kept"),
+        (RIPPLE, {}, 1.0, None, "kept"),
+        (FRICTION | RIPPLE, {}, 0.9, None, "rolled_back"),
+    ],
+)
+def test_an_approved_commit_stays_where_it_gives_what_was_proved_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: dict[str, float], reduction: dict[str, Any],
+    alone: float, with_host: float | None, outcome: str,
+) -> None:  # fmt: skip
+    asked, tools = order(tmp_path)
+    proved = Path(asked.runs, "proved")
+    proved.mkdir()
+    content = {"before": {"peak_error": 1.0}, "after": {"peak_error": 0.2}, "reduction": reduction}
+    (proved / "run.json").write_text(json.dumps(content))
+    result = RunResult(
+        Outcome.KEPT, "Kept.", "one", "f", "", 0.0, proved, feedforward=held, committed=error(alone),
+        with_host=error(with_host) if with_host is not None else None,
+    )  # fmt: skip
+    monkeypatch.setattr(work, "latest_run", lambda *_: proved)
+    monkeypatch.setattr(work, "tune", lambda request: result)
+    monkeypatch.setattr(work, "roll_back", lambda *_: SimpleNamespace(id="b"))
+    assert work.perform(asked, tools).outcome == outcome
 
 
 @pytest.mark.long
