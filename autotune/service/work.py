@@ -15,8 +15,9 @@ from autotune.core.ripple_parameters import is_ripple
 from autotune.models.model_file import parse_model
 from autotune.monitoring.check import CheckRequest, check_axis
 from autotune.monitoring.drift import DriftSettings
-from autotune.service.orders import DONE, Done, Order
+from autotune.service.orders import DONE, Done, Order, salvage
 from autotune.service.settings import Idle
+from autotune.tuning.ending import KeptBut
 from autotune.tuning.files import read_json
 from autotune.tuning.findings import FILE_NAME as FINDINGS
 from autotune.tuning.findings import latest_run
@@ -66,6 +67,9 @@ def perform(order: Order, tools: Tools) -> Done:
         return Done("not_idle", error.exit_code, str(error))
     except Interrupted:
         raise
+    except KeptBut as error:
+        kept = salvage(Path(order.runs), order.axis, order.id)
+        return Done("kept", error.exit_code, str(error), kept.run if kept else "")
     except AutotuneError as error:
         outcome = {3: "not_enough", 4: "guard", 5: "fault"}.get(error.exit_code, "refused")
         return Done(outcome, error.exit_code, str(error))

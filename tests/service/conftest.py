@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -69,6 +70,22 @@ def write_service(folder: Path, axes: list[str], extra: str = "", head: str = ""
     path = folder / "service.toml"
     path.write_text(f'schema = 1\nruns = "{folder / "runs"}"\n{head}\n{blocks}')
     return path
+
+
+def left_kept(runs: Path, job: str) -> Path:
+    """The folder of a run whose drive has kept the parameters, and which came no further."""
+    jobs = runs / ".service" / "jobs"
+    jobs.mkdir(parents=True)
+    (jobs / f"{job}.begun.json").write_text(json.dumps({"process": 4711, "at": "2026-03-01T12:00:00"}))
+    left = runs / "20260301-120001-one"
+    left.mkdir()
+    journal = {
+        "schema": 1, "axis": "one", "fingerprint": "f", "started": "2026-03-01T12:00:01", "process": 4711,
+        "stage": "commit", "changed": {}, "backup": "b", "phase": "kept", "outcome": "",
+        "written": {"feedforward.coulomb": 0.3, "feedforward.enabled": 1.0},
+    }  # fmt: skip
+    (left / "journal.json").write_text(json.dumps(journal))
+    return left
 
 
 @dataclass

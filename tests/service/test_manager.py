@@ -11,7 +11,7 @@ import pytest
 
 from autotune.service.orders import Done, Order, read_done, write_done
 from autotune.service.under_way import ALLOWANCE, most_seconds
-from tests.service.conftest import ON_BOTH
+from tests.service.conftest import ON_BOTH, left_kept
 
 World = Any
 pytestmark = ON_BOTH
@@ -82,22 +82,6 @@ def test_a_job_whose_worker_had_ended_is_not_done_again(world: Callable[..., Wor
     assert len(here.launcher.started) == 1
     row = here.store.job(job["id"])
     assert (row["state"], row["outcome"], row["sentence"]) == ("done", "done", "All is well.")
-
-
-def left_kept(runs: Path, job: str) -> Path:
-    """The folder of a run whose drive has kept the parameters, and which came no further."""
-    jobs = runs / ".service" / "jobs"
-    jobs.mkdir(parents=True)
-    (jobs / f"{job}.begun.json").write_text(json.dumps({"process": 4711, "at": "2026-03-01T12:00:00"}))
-    left = runs / "20260301-120001-one"
-    left.mkdir()
-    journal = {
-        "schema": 1, "axis": "one", "fingerprint": "f", "started": "2026-03-01T12:00:01", "process": 4711,
-        "stage": "commit", "changed": {}, "backup": "b", "phase": "kept", "outcome": "",
-        "written": {"feedforward.coulomb": 0.3, "feedforward.enabled": 1.0},
-    }  # fmt: skip
-    (left / "journal.json").write_text(json.dumps(journal))
-    return left
 
 
 def test_a_run_that_was_kept_and_then_cut_off_counts_as_kept(world: Callable[..., World]) -> None:

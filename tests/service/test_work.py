@@ -13,6 +13,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from autotune.core.axis import read_axis
+from autotune.core.errors import LinkError
 from autotune.core.loop import LocalLoop
 from autotune.models.model_file import parse_model, read_model, write_model
 from autotune.service import work
@@ -21,12 +22,13 @@ from autotune.service.api import make_api
 from autotune.service.inline import Ended, do_at_once
 from autotune.service.orders import Order
 from autotune.service.work import Tools
+from autotune.tuning.ending import KEPT, KeptBut
 from autotune.tuning.outcome import Outcome, RunResult
 from autotune.tuning.progress import Silent
 from autotune.tuning.proof import TrackingError
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.presets import preset
-from tests.service.conftest import START, write_axis
+from tests.service.conftest import START, left_kept, write_axis
 
 World = Any
 AUTH = {"Authorization": "Bearer a-token-that-is-long-enough"}
@@ -164,6 +166,25 @@ def test_an_approved_commit_stays_where_it_gives_what_was_proved_of_it(
     monkeypatch.setattr(work, "tune", lambda request: result)
     monkeypatch.setattr(work, "roll_back", lambda *_: SimpleNamespace(id="b"))
     assert work.perform(asked, tools).outcome == outcome
+
+
+@pytest.mark.parametrize("kind", ["run", "commit"])
+def test_what_goes_wrong_after_a_commit_was_kept_makes_no_fault_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    asked, tools = order(tmp_path, kind)
+    left = left_kept(Path(asked.runs), asked.id)
+    (left / "run.json").write_text("{}")
+
+    def kept_but(request: object) -> None:
+        raise KeptBut(f"{KEPT}: the link is gone", LinkError.exit_code)
+
+    monkeypatch.setattr(work, "latest_run", lambda *_: Path("proved"))
+    monkeypatch.setattr(work, "read_json", lambda *_: {})
+    monkeypatch.setattr(work, "tune", kept_but)
+    done = work.perform(asked, tools)
+    assert (done.outcome, done.run) == ("kept", left.name)
+    assert done.sentence.endswith("after that: the link is gone")
 
 
 @pytest.mark.long
