@@ -53,9 +53,11 @@ def result_file(runs: Path, identifier: str) -> Path:
 
 
 def write_begun(order: Order, process: int, now: datetime) -> None:
-    """Notes, before anything is done, which process works on the job."""
-    path = result_file(Path(order.runs), order.id).with_suffix(".begun.json")
+    """Notes, before anything is done, which process works on the job; what an attempt before it came to is past."""
+    result = result_file(Path(order.runs), order.id)
+    path = result.with_suffix(".begun.json")
     path.parent.mkdir(parents=True, exist_ok=True)
+    result.unlink(missing_ok=True)
     write_json(path, {"process": process, "at": now.isoformat(timespec="seconds")})
 
 

@@ -79,7 +79,9 @@ def order_of(row: Row, watched: WatchedAxis, runs: Path) -> Order:
 
 def cut_off(row: Row, runs: Path) -> Done | None:
     """What a job came to that was cut off with its service; None where it is to be done again."""
-    done = read_done(runs, row["id"]) or salvage(runs, row["axis"], row["id"])
+    done = read_done(runs, row["id"])
+    if done is None or done.outcome == "not_idle":
+        done = salvage(runs, row["axis"], row["id"])
     if done is None and row["outcome"] == STOPPING:
         return Done("aborted", 130, "Stopped, and cut off with the service; it is not done again.")
     if done is None and row["attempts"] >= MOST_ATTEMPTS:

@@ -75,7 +75,7 @@ def write_service(folder: Path, axes: list[str], extra: str = "", head: str = ""
 def left_kept(runs: Path, job: str) -> Path:
     """The folder of a run whose drive has kept the parameters, and which came no further."""
     jobs = runs / ".service" / "jobs"
-    jobs.mkdir(parents=True)
+    jobs.mkdir(parents=True, exist_ok=True)
     (jobs / f"{job}.begun.json").write_text(json.dumps({"process": 4711, "at": "2026-03-01T12:00:00"}))
     left = runs / "20260301-120001-one"
     left.mkdir()

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from autotune.service.orders import Done, Order, read_done, write_done
+from autotune.service.orders import Done, Order, read_done, write_begun, write_done
 from autotune.service.under_way import ALLOWANCE, most_seconds
-from tests.service.conftest import ON_BOTH, left_kept
+from tests.service.conftest import ON_BOTH, START, left_kept
 
 World = Any
 pytestmark = ON_BOTH
@@ -98,6 +98,33 @@ def test_a_run_that_was_kept_and_then_cut_off_counts_as_kept(world: Callable[...
     assert run["outcome"] == "kept"
     assert json.loads(run["content"])["feedforward"] == {"feedforward.coulomb": 0.3}
     assert len(here.launcher.started) == 1
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_machine_that_was_not_idle_at_first_ends_no_later_attempt(
+    world: Callable[..., World], kept: bool
+) -> None:
+    here = world()
+    job = here.manager.submit("one", "run", "http")
+    here.manager.tick()
+    order: Order = here.launcher.started[0].order
+    write_done(order, Done("not_idle", 3, "The machine is not idle."))
+    left = left_kept(here.configuration.runs, job["id"]).name if kept else None
+    here.close()
+    here.open()
+    here.manager.tick()
+    row = here.store.job(job["id"])
+    assert (row["outcome"], row["run"]) == ("kept" if kept else None, left)
+    assert len(here.launcher.started) == (1 if kept else 2)
+
+
+def test_an_attempt_that_begins_takes_away_what_the_one_before_came_to(
+    tmp_path: Path, history_url: str
+) -> None:
+    order = Order("a" * 32, "one", "run", "one.toml", str(tmp_path))
+    write_done(order, Done("not_idle", 3, "The machine is not idle."))
+    write_begun(order, 4711, START)
+    assert read_done(tmp_path, order.id) is None
 
 
 def test_what_ended_the_worker_of_a_kept_run_is_told_with_it(world: Callable[..., World]) -> None:
