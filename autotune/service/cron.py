@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from bisect import bisect_left
 from collections.abc import Sequence
 from datetime import UTC, datetime, time, timedelta
 from typing import Protocol
@@ -11,8 +12,7 @@ from zoneinfo import ZoneInfo
 from apscheduler.triggers.cron import CronTrigger
 
 _WEEKDAYS = ("sun", "mon", "tue", "wed", "thu", "fri", "sat", "sun")
-
-
+MINUTES_A_WEEK = 7 * 24 * 60
 MOST_IN_A_CHANGE = 200
 """Times that an hour which comes twice may hold; two hours of minutes are fewer."""
 
@@ -82,11 +82,16 @@ def next_fire(trigger: CronTrigger, after: datetime) -> datetime | None:
     return None
 
 
-def spacing(trigger: CronTrigger, now: datetime) -> timedelta:
-    """Time between the next two fires; a week where there are none."""
-    first = next_fire(trigger, now)
-    second = next_fire(trigger, first) if first else None
-    return second - first if first and second else timedelta(days=7)
+def spacing(trigger: CronTrigger, at: datetime) -> timedelta:
+    """Time between the fire before `at` and `at`; a week where that one is longer ago, or there is none."""
+
+    def fires(minutes: int) -> bool:
+        found = next_fire(trigger, at - timedelta(minutes=minutes))
+        return found is not None and found < at
+
+    minutes = bisect_left(range(MINUTES_A_WEEK), True, key=fires)
+    before = next_fire(trigger, at - timedelta(minutes=minutes))
+    return at - before if before is not None and before < at else timedelta(days=7)
 
 
 def blacked_out(windows: Sequence[Window], now: datetime, zone: ZoneInfo) -> datetime | None:

@@ -246,7 +246,7 @@ class Manager:
             if self.configuration.axis(due.axis) is None:
                 continue
             last = self.store.last_job(due.axis, "check", "schedule")
-            if self._schedule.too_soon(due.axis, moment(last["created"]) if last else None, now):
+            if self._schedule.too_soon(due, moment(last["created"]) if last else None, now):
                 continue
             self.submit(due.axis, "check", "schedule", due=due.at)
 

@@ -98,12 +98,15 @@ class Schedule:
         """When the axis is looked at next."""
         return self._next.get(axis)
 
-    def too_soon(self, axis: str, last: datetime | None, now: datetime) -> bool:
-        """The last look was less than half a turn ago: an hour that comes twice, or a clock put back."""
-        plan = self._plans.get(axis)
+    def too_soon(self, due: Due, last: datetime | None, now: datetime) -> bool:
+        """The last look was less than half a turn ago: an hour that comes twice, or a clock put back.
+
+        The turn is what lies between the planned time before this one and this one.
+        """
+        plan = self._plans.get(due.axis)
         if plan is None or last is None:
             return False
-        turn = spacing(plan.trigger, now)
+        turn = spacing(plan.trigger, due.at)
         return abs(now - last) < min(turn / 2, timedelta(days=3))
 
     def _set(self, axis: str, moment: datetime | None) -> None:

@@ -160,9 +160,32 @@ def test_what_a_person_asks_for_does_not_wait_for_idle_or_blackout(world: Callab
     assert len(here.launcher.started) == 1
 
 
-def test_spacing_is_what_the_expression_says() -> None:
-    now = datetime(2026, 3, 1, tzinfo=UTC)
-    assert spacing(parse_cron("0 */6 * * *", ZoneInfo("UTC")), now) == timedelta(hours=6)
+@pytest.mark.parametrize(
+    ("expression", "at", "hours"),
+    [
+        ("0 */6 * * *", datetime(2026, 3, 1), 6),
+        ("0 8,9,17 * * *", datetime(2026, 3, 2, 9), 1),
+        ("0 8,9,17 * * *", datetime(2026, 3, 2, 8), 15),
+        ("0 22 * * 1-5", datetime(2026, 3, 5, 22), 24),  # a Thursday
+        ("0 22 * * 1-5", datetime(2026, 3, 2, 22), 72),
+        ("0 3 1 * *", datetime(2026, 3, 1, 3), 7 * 24),
+    ],
+)
+def test_spacing_is_what_lies_before_a_planned_time(expression: str, at: datetime, hours: int) -> None:
+    zone = ZoneInfo("UTC")
+    assert spacing(parse_cron(expression, zone), at.replace(tzinfo=zone)) == timedelta(hours=hours)
+
+
+@pytest.mark.parametrize(("expression", "checks"), [("0 22 * * 1-5", 5), ("0 8,9,17 * * *", 21)])
+def test_times_at_uneven_distances_are_all_kept(
+    world: Callable[..., Any], expression: str, checks: int
+) -> None:
+    here = world(extra=f'check = "{expression}"\ntime_zone = "UTC"')
+    for _ in range(7 * 24):
+        here.pass_time(hours=1)
+        here.manager.tick()
+        here.finish()
+    assert len(here.launcher.started) == checks
 
 
 def test_a_new_expression_counts_at_once_and_an_old_one_keeps_its_time(world: Callable[..., Any]) -> None:
