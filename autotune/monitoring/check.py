@@ -16,7 +16,7 @@ from typing import Any
 from autotune.monitoring.check_figures import CheckFigures, Figure, figures
 from autotune.monitoring.check_file import FILE_NAME, before_of, earlier_checks
 from autotune.monitoring.check_plan import COMPENSATED, UNCOMPENSATED, CheckPlan, plan_check
-from autotune.monitoring.drift import Before, DriftSettings, Evidence, Verdict, judge
+from autotune.monitoring.drift import Before, Drift, DriftSettings, Evidence, Verdict, judge
 from autotune.monitoring.friction_scale import UNKNOWN, Background, FrictionScale, course_of, scale_in_words
 from autotune.monitoring.trend import Trend, analyse
 from autotune.recordings.recording import Recording
@@ -166,7 +166,8 @@ def _result(
     axis = request.axis
     history = earlier_checks(request.runs, axis.name) if request.history is None else list(request.history)
     known = [one for content in history if (one := before_of(content)) is not None]
-    trend = _trend(known)
+    sound = [one for content in history if (one := _sound(content)) is not None]
+    trend = _trend(sound)
     coefficient, reference = (
         (trend.temperature_coefficient if trend else None),
         _reference(known, measured, present),
@@ -181,7 +182,7 @@ def _result(
         reference,
     )
     verdict = judge(evidence, request.settings)
-    sentence = _cause(measured, known, started, reference, present)
+    sentence = _cause(measured, sound, started, reference, present)
     return CheckResult(
         axis.name,
         axis.fingerprint,
@@ -194,6 +195,12 @@ def _result(
         present.committed,
         (*notes, *verdict.notes, *([sentence[0].upper() + sentence[1:]] if sentence else [])),
     )
+
+
+def _sound(content: dict[str, Any]) -> Before | None:
+    """An earlier check whose friction can be believed: its signal was not too rough to tell any."""
+    found = before_of(content)
+    return None if found is None or content["drift"].get("state") == Drift.SIGNAL else found
 
 
 def _trend(known: Sequence[Before]) -> Trend | None:

@@ -28,11 +28,10 @@ class Told:
 
 def trend_of(contents: Sequence[dict[str, Any]]) -> Trend | None:
     """Trend of the friction level over checks, given as their JSON objects, oldest first."""
-    known = [one for content in contents if (one := before_of(content)) is not None]
     sound = [
         one
-        for one, content in zip(known, contents, strict=False)
-        if content.get("drift", {}).get("state") != "signal"
+        for content in contents
+        if (one := before_of(content)) is not None and content["drift"].get("state") != "signal"
     ]
     return analyse(
         [datetime.fromisoformat(one.at) for one in sound],

@@ -72,6 +72,18 @@ def write_service(folder: Path, axes: list[str], extra: str = "", head: str = ""
     return path
 
 
+def a_check(axis: str, at: datetime, level: float, state: str = "none") -> dict[str, Any]:
+    """What a check leaves in its `check.json`."""
+    peaks = {"peak_error": 5e-4, "raw_peak_error": 5e-4, "rms_error": 2e-4}
+    return {
+        "schema": 1, "axis": axis, "at": at.isoformat(), "verdict": "No drift.", "advice": "", "motion_unit": "rad",
+        "committed": {}, "temperature": 25.0 + 50.0 * (level - 0.33), "position_noise": 1e-5,
+        "friction": {"level": {"value": level, "standard_error": 1e-3, "unit": "N m"}},
+        "drift": {"state": state, "beyond": False, "change": 0.0, "wants_tuning": False}, "tracking_error": peaks,
+        "uncompensated": peaks | {"peak_error": 2e-3}, "missed": 0, "samples": 30000,
+    }  # fmt: skip
+
+
 def left_kept(runs: Path, job: str) -> Path:
     """The folder of a run whose drive has kept the parameters, and which came no further."""
     jobs = runs / ".service" / "jobs"

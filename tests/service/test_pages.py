@@ -10,7 +10,6 @@ import time
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 import pytest
 from selenium.common.exceptions import StaleElementReferenceException
@@ -18,6 +17,7 @@ from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 
 from autotune.view.report import Change, Report, Table, write_report
+from tests.service.conftest import a_check
 from tests.service.test_live import Live, live
 from tests.workbench.browser import browser, needs_browser, serious
 from tests.workbench.test_page import Page, until
@@ -165,17 +165,6 @@ def past(runs: Path, axis: str, days: int = 30) -> None:
     write_report(
         run / "report.html", Report(axis, "kept", "Four times less.", changes=changes, tables=tables)
     )
-
-
-def a_check(axis: str, at: datetime, level: float) -> dict[str, Any]:
-    peaks = {"peak_error": 5e-4, "raw_peak_error": 5e-4, "rms_error": 2e-4}
-    return {
-        "schema": 1, "axis": axis, "at": at.isoformat(), "verdict": "No drift.", "advice": "", "motion_unit": "rad",
-        "committed": {}, "temperature": 25.0 + 50.0 * (level - 0.33), "position_noise": 1e-5,
-        "friction": {"level": {"value": level, "standard_error": 1e-3, "unit": "N m"}},
-        "drift": {"state": "none", "beyond": False, "change": 0.0}, "tracking_error": peaks,
-        "uncompensated": peaks | {"peak_error": 2e-3}, "missed": 0, "samples": 30000,
-    }  # fmt: skip
 
 
 @needs_browser
