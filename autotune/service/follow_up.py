@@ -79,7 +79,7 @@ class FollowUp:
         state = content["drift"]["state"]
         if state not in ("none", "unknown"):
             words = f"{content['verdict']} {content['advice']}".strip()
-            states = [row["drift"] for row in self._store.list_checks(axis, 60)]
+            states = [row["drift"] for row in self._store.list_checks(axis, None, whole=False)]
             self.event(f"drift:{state}", axis, now, words, done.run, notice=observe.worth_a_notice(states))
         self._tell_changes(axis, now)
         if not content["drift"]["wants_tuning"] or watched is None or watched.settings.retune != "drift":

@@ -112,8 +112,8 @@ class Store:
         self.additions += 1
         return True
 
-    def list_checks(self, axis: str, limit: int = 400, whole: bool = True) -> list[Row]:
-        """Newest checks of an axis, oldest first; without `whole` their JSON objects are left out."""
+    def list_checks(self, axis: str, limit: int | None = 400, whole: bool = True) -> list[Row]:
+        """Newest checks of an axis, all without a limit, oldest first; without `whole` no JSON objects."""
         wanted = [column for column in checks.c if whole or column.name != "content"]
         query = select(*wanted).where(checks.c.axis == axis).order_by(checks.c.at.desc(), checks.c.run.desc())
         return self._all(query.limit(limit))[::-1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from datetime import timedelta
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +13,7 @@ import pytest
 from autotune.monitoring import check
 from autotune.monitoring.drift import Drift, Verdict
 from autotune.service.observe import trend_of
+from autotune.service.store import text
 from tests.service.conftest import START, a_check
 
 World = Any
@@ -55,3 +58,18 @@ def test_a_check_takes_temperature_out_as_the_checks_with_a_sound_signal_tell_it
         check._result(request, START, session, measured, present, ())  # type: ignore[arg-type]
     assert seen[0] is not None
     assert seen[1] == seen[0]
+
+
+def test_a_state_that_lasts_is_told_every_week_for_as_long_as_it_lasts(world: Callable[..., World]) -> None:
+    here = world()
+    for day in range(100):
+        left = here.configuration.runs / f"check-{day:03d}"
+        left.mkdir(parents=True)
+        content = a_check("one", here.now, 0.33, "drifted")
+        (left / "check.json").write_text(json.dumps(content))
+        here.manager.submit("one", "check", "http")
+        here.manager.tick()
+        here.finish("done", 0, left.name)
+        here.pass_time(days=1)
+    told = [notice["at"] for notice in here.notices if notice["kind"] == "drift:drifted"]
+    assert told == [text(START + timedelta(days=day)) for day in range(0, 100, 7)]
