@@ -275,7 +275,7 @@ def _rounds(
 
 
 def _reload(manager: Manager) -> None:
-    """A file that is wrong changes nothing and is said loudly."""
+    """A file that is wrong, or a history that does not take it, changes nothing and is said loudly."""
     systemd.notify("RELOADING=1")
     try:
         fresh = read_service(manager.configuration.file)
@@ -289,7 +289,7 @@ def _reload(manager: Manager) -> None:
         remember_checkable(fresh)
         manager.reload(fresh)
         log.info("configuration read again: %s", ", ".join(one.name for one in fresh.axes))
-    except AutotuneError as error:
+    except (AutotuneError, SQLAlchemyError, OSError) as error:
         log.error("configuration not taken over, the old one stays in force: %s", error)
     systemd.notify("READY=1")
 

@@ -210,8 +210,8 @@ class Manager:
     def reload(self, configuration: Configuration) -> None:
         """Takes over a new configuration; running jobs go on with the old one."""
         with self._lock:
-            self.configuration = configuration
             self._schedule.replace(plans_of(configuration), self.now())
+            self.configuration = configuration
 
     def shut_down(self) -> None:
         """Lets running jobs come to rest; they are done again on the next start."""

@@ -57,19 +57,23 @@ class Schedule:
         """Nothing is open; the database keeps the times."""
 
     def replace(self, plans: Iterable[DailyCheck], now: datetime) -> None:
-        """Takes over a new configuration; unchanged plans keep their next time, missed ones stay due."""
-        self._plans = {plan.axis: plan for plan in plans}
+        """Takes over a new configuration; unchanged plans keep their next time, missed ones stay due.
+
+        Where it cannot be stored, the old one stays in force.
+        """
+        named = {plan.axis: plan for plan in plans}
         present = self._stored()
-        self._next = {}
-        for axis, plan in self._plans.items():
+        times: dict[str, datetime | None] = {}
+        for axis, plan in named.items():
             row = present.get(axis)
             if row is not None and (row["expression"], row["zone"]) == (plan.expression, plan.zone.key):
-                self._next[axis] = _moment(row["next"])
-            self._next[axis] = self._next.get(axis) or next_fire(plan.trigger, now)
+                times[axis] = _moment(row["next"])
+            times[axis] = times.get(axis) or next_fire(plan.trigger, now)
         with self._engine.begin() as connection:
             connection.execute(delete(schedule))
-            for axis in self._plans:
-                connection.execute(insert(schedule).values(**self._row(axis)))
+            for axis, plan in named.items():
+                connection.execute(insert(schedule).values(**_row(plan, times[axis])))
+        self._plans, self._next = named, times
 
     def process(self, now: datetime) -> list[Due]:
         """What is due; each job once, however often it was missed. Its next time is stored."""
@@ -115,18 +119,18 @@ class Schedule:
             connection.execute(update(schedule).where(mine).values(next=_text(moment)))
         self._next[axis] = moment
 
-    def _row(self, axis: str) -> dict[str, str | None]:
-        plan = self._plans[axis]
-        return {
-            "axis": axis,
-            "expression": plan.expression,
-            "zone": plan.zone.key,
-            "next": _text(self._next[axis]),
-        }
-
     def _stored(self) -> dict[str, RowMapping]:
         with self._engine.connect() as connection:
             return {str(row["axis"]): row for row in connection.execute(select(schedule)).mappings()}
+
+
+def _row(plan: DailyCheck, following: datetime | None) -> dict[str, str | None]:
+    return {
+        "axis": plan.axis,
+        "expression": plan.expression,
+        "zone": plan.zone.key,
+        "next": _text(following),
+    }
 
 
 def _text(moment: datetime | None) -> str | None:

@@ -10,8 +10,10 @@ from zoneinfo import ZoneInfo
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from sqlalchemy.exc import OperationalError
 
 from autotune.core.errors import ConfigurationError
+from autotune.service import daemon, schedule
 from autotune.service.cron import blacked_out, next_fire, parse_cron, spacing
 from autotune.service.settings import Blackout
 
@@ -197,6 +199,29 @@ def test_a_new_expression_counts_at_once_and_an_old_one_keeps_its_time(world: Ca
 
     here.manager.reload(read_service(here.folder / "service.toml"))
     assert here.manager.next_check("two") == before
+    assert here.manager.next_check("one").hour == 5
+
+
+@pytest.mark.parametrize(
+    "error", [OperationalError("DELETE", {}, Exception("database is locked")), OSError(28, "No space left")]
+)
+def test_a_configuration_that_the_history_does_not_take_changes_nothing(
+    world: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    here = world(["one"], extra='check = "0 3 * * *"')
+    before = here.manager.configuration, here.manager.next_check("one")
+    file = here.folder / "service.toml"
+    file.write_text(file.read_text().replace("0 3 * * *", "0 5 * * *"))
+
+    def refuse(statement: object) -> None:
+        raise error
+
+    with monkeypatch.context() as patched:
+        patched.setattr(schedule, "delete", refuse)
+        daemon._reload(here.manager)
+    assert (here.manager.configuration, here.manager.next_check("one")) == before
+    here.manager.tick()
+    daemon._reload(here.manager)
     assert here.manager.next_check("one").hour == 5
 
 
