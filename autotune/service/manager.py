@@ -254,8 +254,10 @@ class Manager:
 
     def _settle_orphans(self, now: datetime) -> None:
         for row in self.store.jobs_in("running"):
-            if row["id"] not in self._running and not axis_busy(self.configuration.runs, row["axis"]):
-                self._apart(row["id"], partial(self._settle, row, now))
+            later = self._not_before.get(row["id"], now)
+            if row["id"] in self._running or now < later or axis_busy(self.configuration.runs, row["axis"]):
+                continue
+            self._apart(row, partial(self._settle, row, now))
 
     def _settle(self, row: Row, now: datetime) -> None:
         done = cut_off(row, self.configuration.runs)
@@ -268,20 +270,26 @@ class Manager:
             f"{row['id']}:{row['attempts']}",
         )  # fmt: skip
 
-    def _apart(self, job: str, act: Callable[[], None]) -> None:
-        """Does something for one job; a defect that it meets is said, and holds up no other."""
+    def _apart(self, row: Row, act: Callable[[], None]) -> None:
+        """Does something for one job; a defect that it meets is said, holds up no other, and is not met at once again.
+
+        It counts as over when the same goes well, or when another job of the axis has ended.
+        """
+        source = f"{_jobs_of(row['axis'])}{row['id']}"
         try:
             act()
+            self.set_problem(source, "")
         except (SQLAlchemyError, OSError):
             raise
         except Exception as error:  # noqa: BLE001 - the last line of defence of all other axes
-            self.set_problem(f"job {job}", f"a defect of autotune, {type(error).__name__}: {error}")
+            self._not_before[row["id"]] = self.now() + RETRY_IDLE
+            self.set_problem(source, f"a defect of autotune, {type(error).__name__}: {error}")
 
     # Workers
 
     def _collect(self, now: datetime) -> None:
         for identifier, running in list(self._running.items()):
-            self._apart(identifier, partial(self._look_after, identifier, running, now))
+            self._apart(running.job, partial(self._look_after, identifier, running, now))
 
     def _look_after(self, identifier: str, running: Running, now: datetime) -> None:
         for message in running.handle.messages():
@@ -312,7 +320,7 @@ class Manager:
 
     def _dispatch(self, now: datetime) -> None:
         for row in self.store.jobs_in("queued"):
-            self._apart(row["id"], partial(self._begin, row, now))
+            self._apart(row, partial(self._begin, row, now))
 
     def _begin(self, row: Row, now: datetime) -> None:
         limit = self.configuration.service.at_once or 10_000
@@ -385,6 +393,13 @@ class Manager:
         }
         self.feed.tell(message)
         self._follow_up.after(row, done, self.configuration.axis(row["axis"]), now)
+        for source in [one for one in self.health.problems if one.startswith(_jobs_of(row["axis"]))]:
+            self.set_problem(source, "")
+
+
+def _jobs_of(axis: str) -> str:
+    """What the sources of problems with an axis's jobs begin with."""
+    return f"axis {axis}, job "
 
 
 def plans_of(configuration: Configuration) -> list[DailyCheck]:

@@ -247,6 +247,71 @@ def test_a_defect_met_by_one_job_holds_up_no_other(
     assert "defect" in str(here.manager.problems())
 
 
+def meet(monkeypatch: pytest.MonkeyPatch, where: Any, name: str) -> list[Any]:
+    """A defect in a method for as long as the test does not undo it; its calls."""
+    calls: list[Any] = []
+
+    def broken(*given: Any) -> None:
+        calls.append(given)
+        raise KeyError("a defect")
+
+    monkeypatch.setattr(where, name, broken)
+    return calls
+
+
+def test_a_defect_that_has_passed_is_no_problem_any_more(
+    world: Callable[..., World], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = world()
+    here.manager.submit("one", "check", "http")
+    with monkeypatch.context() as patched:
+        meet(patched, here.launcher, "start")
+        here.manager.tick()
+    assert "defect" in str(here.manager.problems())
+    for _ in range(3):
+        here.pass_time(minutes=6)
+        here.manager.tick()
+    assert len(here.launcher.started) == 1
+    assert not here.manager.health.problems
+
+
+def test_a_defect_at_the_end_of_a_job_is_not_met_again_and_again(
+    world: Callable[..., World], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = world()
+    job = here.manager.submit("one", "check", "http")
+    here.manager.tick()
+    write_done(here.launcher.started[0].order, Done("done", 0, "It ended."))
+    with monkeypatch.context() as patched:
+        calls = meet(patched, here.manager._follow_up, "propose")
+        here.finish()
+        for _ in range(10):
+            here.pass_time(seconds=1)
+            here.manager.tick()
+    assert len(calls) == 1
+    assert here.manager.health.problems
+    here.pass_time(minutes=6)
+    here.manager.tick()
+    assert here.store.job(job["id"])["state"] == "done"
+    assert not here.manager.health.problems
+
+
+def test_a_defect_in_what_follows_from_a_job_is_over_when_the_next_has_ended(
+    world: Callable[..., World], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = world(["one", "two"])
+    with monkeypatch.context() as patched:
+        meet(patched, here.manager._follow_up, "after")
+        here.manager.submit("one", "check", "http")
+        here.manager.tick()
+        here.finish()
+    for axis, over in (("two", False), ("one", True)):
+        here.manager.submit(axis, "check", "http")
+        here.manager.tick()
+        here.finish()
+        assert (not here.manager.health.problems) == over
+
+
 def test_stopping_a_queued_job_cancels_it(world: Callable[..., World]) -> None:
     here = world()
     here.manager.submit("one", "check", "http")
