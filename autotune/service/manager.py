@@ -39,6 +39,7 @@ STOP_SECONDS = 30.0
 JUMP_SECONDS = 90.0
 BY_ITSELF = ("schedule", "drift")
 RETRY_IDLE = timedelta(minutes=5)
+RETRY_START = timedelta(minutes=1)
 
 
 @dataclass
@@ -360,11 +361,20 @@ class Manager:
         return until is not None and now < until
 
     def _start(self, row: Row, watched: WatchedAxis, now: datetime) -> None:
+        """Starts the worker; one that the host has no room for is no attempt, and is tried again later."""
         order = order_of(row, watched, self.configuration.runs)
         self.store.change_job(row["id"], state="running", started=text(now), attempts=row["attempts"] + 1)
         started = self.store.job(row["id"]) or row
         until = self._steady() + most_seconds(row["kind"], watched)
-        self._running[row["id"]] = Running(started, watched, self._launcher.start(order), until=until)
+        try:
+            handle = self._launcher.start(order)
+        except OSError as error:
+            self.store.change_job(row["id"], state="queued", started=row["started"], attempts=row["attempts"])
+            self._not_before[row["id"]] = now + RETRY_START
+            self._waiting[row["id"]] = f"its process cannot be started: {error.strerror or error}"
+            log.warning("axis %s: %s waits: %s", watched.name, row["kind"], self._waiting[row["id"]])
+            return
+        self._running[row["id"]] = Running(started, watched, handle, until=until)
         self.feed.tell({"event": "started", "job": row["id"], "axis": watched.name, "kind": row["kind"]})
 
     # Ends

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -245,6 +246,33 @@ def test_a_defect_met_by_one_job_holds_up_no_other(
     here.manager.tick()
     assert [handle.order.axis for handle in here.launcher.started] == ["two"]
     assert "defect" in str(here.manager.problems())
+
+
+def test_a_host_that_has_no_room_for_a_worker_is_asked_again_later_and_it_is_no_attempt(
+    world: Callable[..., World], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = world()
+    job = here.manager.submit("one", "check", "http")
+    asked: list[Order] = []
+
+    def crowded(order: Order) -> None:
+        asked.append(order)
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(here.launcher, "start", crowded)
+        for _ in range(100):
+            here.manager.tick()
+            here.pass_time(seconds=0.25)
+    assert len(asked) == 1
+    assert not here.manager.health.problems
+    row = here.store.job(job["id"])
+    assert (row["state"], row["attempts"]) == ("queued", 0)
+    assert "Resource temporarily unavailable" in here.manager.waits_for(job["id"])
+    here.pass_time(minutes=2)
+    here.manager.tick()
+    assert here.store.job(job["id"])["attempts"] == 1
+    assert len(here.launcher.started) == 1
 
 
 def meet(monkeypatch: pytest.MonkeyPatch, where: Any, name: str) -> list[Any]:
