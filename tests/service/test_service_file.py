@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -102,6 +104,23 @@ def test_the_oldest_goes_first_and_what_a_commit_rests_on_never(tmp_path: Path) 
     assert (tmp_path / "20260300-120000-one" / "run.json").exists()
     assert [path.name[:8] for path in prune(tmp_path, ["one"], 0)] == ["20260305"]
     assert used(tmp_path) == 3000  # two commits and a run that has not ended
+
+
+def test_a_folder_that_goes_while_it_is_looked_at_takes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(2):
+        folder(tmp_path, f"2026030{number}-120000-one", "not_applied", 1000)
+    found = Path.rglob
+
+    def going(path: Path, pattern: str) -> Iterator[Path]:
+        if "20260300" in str(path):
+            raise FileNotFoundError(errno.ENOENT, "No such file or directory", str(path))
+        return found(path, pattern)
+
+    monkeypatch.setattr(Path, "rglob", going)
+    assert used(tmp_path) == 1000
+    assert [path.name[:8] for path in prune(tmp_path, ["one"], 0)] == ["20260301"]
 
 
 def test_an_approved_commit_keeps_the_recordings_of_the_run_that_proposed_it(tmp_path: Path) -> None:
