@@ -1,6 +1,7 @@
 """Compare and diagnose for the API: of `autotune`, in a process of its own (`study`), one at a time.
 
-Neither a recording nor a model ever changes, so what was found is kept.
+What was found is kept for as long as recording and model are the files they were: a run under way writes its model
+anew.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from autotune.service.launcher import environment
 SECONDS = 120.0
 MOST_KEPT = 100
 _one_at_a_time = threading.Lock()
-_kept: dict[tuple[str, Path, Path], Study] = {}
+_Stamp = tuple[Path, int, int] | None
+_kept: dict[tuple[str, _Stamp, _Stamp], Study] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +34,8 @@ class Study:
 
 def study(what: str, recording: Path, model: Path) -> Study:
     """What `compare` or `diagnose` finds."""
-    known = _kept.get((what, recording, model))
+    key = what, _stamp(recording), _stamp(model)
+    known = _kept.get(key)
     if known is not None:
         return known
     if not _one_at_a_time.acquire(blocking=False):
@@ -44,11 +47,20 @@ def study(what: str, recording: Path, model: Path) -> Study:
     finally:
         _one_at_a_time.release()
     found = _found(what, done)
-    if found.status == 200:
+    if found.status == 200 and None not in key:
         if len(_kept) >= MOST_KEPT:
             _kept.clear()
-        _kept[what, recording, model] = found
+        _kept[key] = found
     return found
+
+
+def _stamp(file: Path) -> _Stamp:
+    """A file as it is now; None where it cannot be looked at."""
+    try:
+        state = file.stat()
+    except OSError:
+        return None
+    return file, state.st_mtime_ns, state.st_size
 
 
 def _run(command: list[str]) -> subprocess.CompletedProcess[str]:

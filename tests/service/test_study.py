@@ -33,6 +33,23 @@ def test_a_study_is_the_object_of_the_face(files: tuple[Path, Path]) -> None:
     assert found.content == json.loads(json.dumps(autotune.compare(*files).to_json()))
 
 
+def test_a_study_is_made_anew_when_the_model_was_written_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording, model = tmp_path / "axis.parquet", tmp_path / "model.toml"
+    recording.write_bytes(b"PAR1")
+
+    def read(command: list[str]) -> subprocess.CompletedProcess[str]:
+        return subprocess.CompletedProcess(command, 0, json.dumps({"model": model.read_text()}))
+
+    monkeypatch.setattr(studies, "_run", read)
+    for text in ("identified", "identified and diagnosed"):
+        model.write_text(text)
+        assert studies.study("compare", recording, model).content == {"model": text}
+    monkeypatch.setattr(studies, "_run", lambda command: pytest.fail("what is known is not studied again"))
+    assert studies.study("compare", recording, model).content == {"model": text}
+
+
 def test_what_is_wrong_is_a_sentence(files: tuple[Path, Path]) -> None:
     found = studies.study("compare", files[0].with_name("absent.parquet"), files[1])
     assert found.status == 409
