@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import json
 import queue
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from fastapi import HTTPException
 from fastapi.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
 
-from autotune.service.feed import Feed, Follower
+from autotune.service.feed import Follower
 from autotune.service.manager import Manager
 from autotune.service.store import Row
 
@@ -33,6 +34,22 @@ EVENTS: dict[int | str, dict[str, Any]] = {
 }
 
 
+class Followed(StreamingResponse):
+    """What a follower is sent, and its leaving, also where the reader is gone before the first word."""
+
+    def __init__(
+        self, content: AsyncIterator[str | bytes], media_type: str, leave: Callable[[], None]
+    ) -> None:
+        super().__init__(content, media_type=media_type, headers={"Cache-Control": "no-store"})
+        self._leave = leave
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._leave()
+
+
 def stream(manager: Manager, job: str | None, row: Row | None) -> StreamingResponse:
     """The events of a job from its state now to its end, or all events until the reader leaves.
 
@@ -47,35 +64,32 @@ def stream(manager: Manager, job: str | None, row: Row | None) -> StreamingRespo
         else [{"event": "state", "job": job, "state": row["state"], "outcome": row["outcome"]}]
     )
     ended = row is not None and row["state"] == "done"
-    return StreamingResponse(
-        _events(manager.feed, follower, first, ended, job is not None),
-        media_type="text/event-stream",
-        headers={"Cache-Control": "no-store"},
+    return Followed(
+        _events(follower, first, ended, job is not None),
+        "text/event-stream",
+        lambda: manager.feed.leave(follower),
     )
 
 
 async def _events(
-    feed: Feed, follower: Follower, first: list[dict[str, Any]], ended: bool, one_job: bool
+    follower: Follower, first: list[dict[str, Any]], ended: bool, one_job: bool
 ) -> AsyncIterator[str]:
     quiet = 0.0
-    try:
-        for message in first:
-            yield _sse(message)
-        while not ended and not follower.dropped:
-            try:
-                message = follower.waiting.get_nowait()
-            except queue.Empty:
-                await asyncio.sleep(0.1)
-                quiet += 0.1
-                if quiet >= HEARTBEAT:
-                    quiet = 0.0
-                    yield ": alive\n\n"
-                continue
-            quiet = 0.0
-            yield _sse(message)
-            ended = one_job and message.get("event") == "done"
-    finally:
-        feed.leave(follower)
+    for message in first:
+        yield _sse(message)
+    while not ended and not follower.dropped:
+        try:
+            message = follower.waiting.get_nowait()
+        except queue.Empty:
+            await asyncio.sleep(0.1)
+            quiet += 0.1
+            if quiet >= HEARTBEAT:
+                quiet = 0.0
+                yield ": alive\n\n"
+            continue
+        quiet = 0.0
+        yield _sse(message)
+        ended = one_job and message.get("event") == "done"
 
 
 def _sse(message: dict[str, Any]) -> str:

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, HTTPException, Path
 from fastapi.responses import StreamingResponse
 
-from autotune.service.live_hub import ALIVE, AxisHub, Follower
+from autotune.service.event_stream import Followed
+from autotune.service.live_hub import ALIVE, Follower
 from autotune.service.manager import Manager
 from autotune.workbench.routes import REFUSALS
 
@@ -38,26 +39,21 @@ def live_routes(manager: Manager) -> APIRouter:
         follower = hub.follow()
         if follower is None:
             raise HTTPException(503, "too many look on at this axis; close one")
-        return StreamingResponse(
-            _messages(hub, follower), media_type=MEDIA, headers={"Cache-Control": "no-store"}
-        )
+        return Followed(_messages(follower), MEDIA, lambda: hub.leave(follower))
 
     return routes
 
 
-async def _messages(hub: AxisHub, follower: Follower) -> AsyncIterator[bytes]:
+async def _messages(follower: Follower) -> AsyncIterator[bytes]:
     quiet = HEARTBEAT  # the first word at once: the reader knows that it is heard
-    try:
-        while True:
-            data = follower.take()
-            if data:
-                quiet = 0.0
-                for start in range(0, len(data), PIECE):
-                    yield data[start : start + PIECE]
-            elif quiet >= HEARTBEAT:
-                quiet = 0.0
-                yield ALIVE
-            await asyncio.sleep(POLL)
-            quiet += POLL
-    finally:
-        hub.leave(follower)
+    while True:
+        data = follower.take()
+        if data:
+            quiet = 0.0
+            for start in range(0, len(data), PIECE):
+                yield data[start : start + PIECE]
+        elif quiet >= HEARTBEAT:
+            quiet = 0.0
+            yield ALIVE
+        await asyncio.sleep(POLL)
+        quiet += POLL

@@ -281,6 +281,29 @@ def test_a_follower_that_never_reads_is_dropped_and_delays_nobody() -> None:
     assert feed.count == 1
 
 
+@pytest.mark.parametrize("path", ["/api/events", "/api/axes/one/live"])
+def test_a_reader_who_is_gone_before_the_first_word_leaves_no_follower(
+    served: tuple[World, TestClient], path: str
+) -> None:
+    here = served[0]
+    scope = {
+        "type": "http", "method": "GET", "path": path, "raw_path": path.encode(), "root_path": "", "scheme": "http",
+        "query_string": b"", "headers": [(b"host", b"127.0.0.1")], "http_version": "1.1",
+    }  # fmt: skip
+
+    async def nothing() -> dict[str, Any]:
+        await asyncio.Event().wait()
+        return {}
+
+    async def gone(message: Any) -> None:
+        raise EOFError
+
+    with pytest.raises(EOFError):
+        asyncio.run(make_api(here.manager)(scope, nothing, gone))
+    assert here.manager.feed.count == 0
+    assert not here.manager.live.of("one").busy
+
+
 def test_a_connection_that_takes_nothing_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guard, "SEND_SECONDS", 0.01)
 

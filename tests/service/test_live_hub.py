@@ -185,7 +185,7 @@ async def _first(hub: AxisHub, wanted: int) -> bytes:
     follower = hub.follow()
     assert follower is not None
     data = b""
-    async for piece in live_routes._messages(hub, follower):
+    async for piece in live_routes._messages(follower):
         data += piece
         if len(received(data)[1]) >= wanted:
             break
