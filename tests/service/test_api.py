@@ -400,6 +400,7 @@ def test_a_proposal_is_there_before_its_run_counts_as_done(
     jobs.mkdir(parents=True)
     result = {"outcome": "not_applied", "exit_code": 3, "sentence": "s", "run": run, "asked": "Write it?"}
     (jobs / f"{job['id']}.json").write_text(json.dumps(result))
+    here.pass_time(minutes=6)
     here.manager.tick()
     assert here.store.job(job["id"])["state"] == "done"
     assert sorted(one["state"] for one in client.get("/api/proposals").json()) == ["open", "superseded"]
