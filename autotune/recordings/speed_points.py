@@ -40,13 +40,13 @@ def speed_points(recordings: Sequence[Recording]) -> list[Point]:
 
     Not those of segments whose names say that they are not fitted: at one speed each there is nothing to hold out.
     """
-    parts = [part for recording in recordings for _, part in recording.split()]
-    points = [_point(part) for part in parts if str(part.experiment[0]) not in RESERVED_EXPERIMENTS]
+    points = [_point(part) for recording in recordings for _, part in recording.split()]
     steady = [point for point in points if point.steady]
-    speeds = {round(float(np.log10(abs(p.velocity) + 1e-12)), 1) * np.sign(p.velocity) for p in steady}
+    fitted = [point for point in steady if point.name not in RESERVED_EXPERIMENTS]
+    speeds = {round(float(np.log10(abs(p.velocity) + 1e-12)), 1) * np.sign(p.velocity) for p in fitted}
     if len(speeds) < LEAST_SPEEDS or len(steady) < LEAST_SHARE * len(points):
         return []
-    return steady
+    return fitted
 
 
 def as_steady_recordings(recordings: Sequence[Recording], points: Sequence[Point]) -> list[Recording]:
