@@ -16,7 +16,8 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.core.units import damping_symbol
 from autotune.models import layout
-from autotune.models.contact import friction_limit, viscous_coefficient
+from autotune.models.contact import elements_carry, friction_limit, stiffened, viscous_coefficient
+from autotune.models.contributions import all_multiplied
 from autotune.models.drive_model import DriveModel
 from autotune.models.layout import STIFFNESS
 from autotune.models.stribeck import STRIBECK
@@ -30,6 +31,8 @@ FALLS = 2e-3
 MOST_SURE = 0.995
 """As much as a few hundred draws can tell."""
 BAND = (2.5, 97.5)
+AT_ZERO = np.zeros(1)
+_level_factor = all_multiplied("level_factor")
 VARIED = ("coulomb", "viscous", "break_away", "stribeck_velocity")
 
 
@@ -127,14 +130,26 @@ def characteristic(name: str, model: DriveModel, fastest: float) -> Characterist
     )
 
 
-def friction_at(model: DriveModel, speed: Floats) -> Floats:
-    """Friction in steady motion at positive speeds, without offset; shape (n,) [N m or N]."""
-    packed = model.pack()
-    state = np.zeros(layout.STATES)
+def friction_at(model: DriveModel, velocity: Floats, places: Floats = AT_ZERO) -> Floats:
+    """Friction against steady motion in either direction, without offset; shape (n,) [N m or N].
+
+    Where it depends on the place it is the mean over `places`.
+    """
+    packed, state = model.pack(), np.zeros(layout.STATES)
+    p, on = packed.p, packed.on
     elements = total_friction(model).value - model["coulomb"]
-    levels = [float(friction_limit(packed.p, packed.on, state, 0.0, v)) * packed.p[STIFFNESS] for v in speed]
-    viscous = [float(viscous_coefficient(packed.p, packed.on, state, v)) * v for v in speed]
-    return np.asarray(np.array(levels) + np.array(viscous) + elements)
+
+    def at(v: float) -> float:
+        stiffness = float(p[STIFFNESS]) * stiffened(p, on, state, v)
+        carried = elements * elements_carry(p, on, state, v)
+        levels = [
+            stiffness * friction_limit(p, on, state, float(place), v)
+            + _level_factor(carried, p, on, state, float(place))
+            for place in places
+        ]
+        return float(np.mean(levels)) + viscous_coefficient(p, on, state, v) * abs(v)
+
+    return np.array([at(float(v)) for v in velocity])
 
 
 def _rises(torque: Floats) -> bool:

@@ -177,7 +177,7 @@ class Backward:
         self,
         chosen: FittedCandidate,
         later: Sequence[FittedCandidate],
-        first: Sequence[FittedCandidate] = (),
+        first: Sequence[FittedCandidate],
     ) -> list[FittedCandidate]:
         """Of several effects, what may stand for one of them beside the others: fitted to what is compared now.
 

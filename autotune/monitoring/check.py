@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from autotune.monitoring.check_figures import CheckFigures, Figure, figures
-from autotune.monitoring.check_file import FILE_NAME, before_of, earlier_checks
+from autotune.monitoring.check_file import FILE_NAME, before_of, earlier_checks, sound_checks
 from autotune.monitoring.check_plan import COMPENSATED, UNCOMPENSATED, CheckPlan, plan_check
-from autotune.monitoring.drift import Before, Drift, DriftSettings, Evidence, Verdict, judge
+from autotune.monitoring.drift import Before, DriftSettings, Evidence, Verdict, judge
 from autotune.monitoring.friction_scale import UNKNOWN, Background, FrictionScale, course_of, scale_in_words
-from autotune.monitoring.trend import Trend, analyse
+from autotune.monitoring.trend import trend_over
 from autotune.recordings.recording import Recording
 from autotune.tuning.committed import Committed, InForce, in_force
 from autotune.tuning.files import finite, write_json
@@ -166,8 +166,8 @@ def _result(
     axis = request.axis
     history = earlier_checks(request.runs, axis.name) if request.history is None else list(request.history)
     known = [one for content in history if (one := before_of(content)) is not None]
-    sound = [one for content in history if (one := _sound(content)) is not None]
-    trend = _trend(sound)
+    sound = sound_checks(history)
+    trend = trend_over(sound)
     coefficient, reference = (
         (trend.temperature_coefficient if trend else None),
         _reference(known, measured, present),
@@ -197,20 +197,6 @@ def _result(
     )
 
 
-def _sound(content: dict[str, Any]) -> Before | None:
-    """An earlier check whose friction can be believed: its signal was not too rough to tell any."""
-    found = before_of(content)
-    return None if found is None or content["drift"].get("state") == Drift.SIGNAL else found
-
-
-def _trend(known: Sequence[Before]) -> Trend | None:
-    return analyse(
-        [datetime.fromisoformat(one.at) for one in known],
-        [one.level for one in known],
-        [one.temperature for one in known],
-    )
-
-
 def _reference(known: Sequence[Before], measured: CheckFigures, present: InForce) -> float:
     """Temperature at which the committed model holds [°C]."""
     run = present.committed.baseline if present.committed else ""
@@ -237,7 +223,7 @@ def cause_in_words(scale: FrictionScale, known: Sequence[Before], today: Before,
         reference: temperature at which the model holds [°C].
     """
     since = next((datetime.fromisoformat(one.at) for one in known if one.run == today.run), None)
-    trend = _trend([*known, today])
+    trend = trend_over([*known, today])
     course = course_of(trend.changes, since, scale.theta < 1.0) if trend else UNKNOWN
     coefficient = trend.temperature_coefficient if trend else None
     return scale_in_words(scale, Background(today.temperature - reference, coefficient, course))

@@ -7,24 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from autotune.control.steady_curves import AT_ZERO, friction_at
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.units import torque_symbol
 from autotune.identify.characteristic import Points
 from autotune.identify.steady_state import steady_points
-from autotune.models import layout
-from autotune.models.contact import elements_carry, friction_limit, stiffened, viscous_coefficient
-from autotune.models.contributions import all_multiplied
 from autotune.models.drive_model import DriveModel
-from autotune.models.total_friction import total_friction
 from autotune.monitoring.friction_scale import FrictionScale, friction_scale
 from autotune.recordings.recording import Recording, concatenate
 from autotune.tuning.proof import TrackingError, fold, tracking_error
 
 QUANTILE = 1.96
 PLACES = 32
-AT_ZERO = np.zeros(1)
-_level_factor = all_multiplied("level_factor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,24 +147,9 @@ def expected_level(model: DriveModel, points: Points, places: Floats = AT_ZERO) 
 
     `places`: where the legs have gone; friction that depends on the place is averaged over them.
     """
-    torque = np.array([_opposing(model, float(v), places) for v in points.velocity])
+    torque = friction_at(model, points.velocity, places)
     sides = [torque[points.velocity > 0], torque[points.velocity < 0]]
     return 0.5 * float(sum(side.mean() for side in sides))
-
-
-def _opposing(model: DriveModel, velocity: float, places: Floats) -> float:
-    """Torque against steady motion at a velocity, without offset, as a mean over places [N m or N]."""
-    packed = model.pack()
-    p, on = packed.p, packed.on
-    state = np.zeros(layout.STATES)
-    stiffness = float(p[layout.STIFFNESS]) * stiffened(p, on, state, velocity)
-    elements = (total_friction(model).value - model["coulomb"]) * elements_carry(p, on, state, velocity)
-    torque = [
-        stiffness * friction_limit(p, on, state, float(place), velocity)
-        + _level_factor(elements, p, on, state, float(place))
-        for place in places
-    ]
-    return float(np.mean(torque)) + viscous_coefficient(p, on, state, velocity) * abs(velocity)
 
 
 def _places(legs: Recording) -> Floats:

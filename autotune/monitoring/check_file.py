@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from autotune.monitoring.drift import Before
+from autotune.monitoring.drift import Before, Drift
 from autotune.tuning.results import run_results
 
 FILE_NAME = "check.json"
@@ -39,3 +40,11 @@ def before_of(content: dict[str, Any]) -> Before | None:
         )
     except (KeyError, TypeError, ValueError):
         return None
+
+
+def sound_checks(contents: Iterable[dict[str, Any]]) -> list[Before]:
+    """Earlier checks whose friction can be believed, in their order: their signal was not too rough to tell any."""
+    found = ((before_of(content), content) for content in contents)
+    return [
+        one for one, content in found if one is not None and content["drift"].get("state") != Drift.SIGNAL
+    ]

@@ -12,9 +12,11 @@ neither as noise nor as temperature.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,9 @@ from numpy.typing import NDArray
 from autotune.core.arrays import Floats
 from autotune.monitoring.segments import breaks
 from autotune.signals.runs import white_noise
+
+if TYPE_CHECKING:
+    from autotune.monitoring.drift import Before
 
 LEAST_POINTS = 6
 SURE = 5.5
@@ -64,6 +69,15 @@ class Trend:
     temperature_coefficient: float | None
     scatter: float
     level: float
+
+
+def trend_over(checks: Sequence[Before]) -> Trend | None:
+    """Trend of the friction level over checks, oldest first."""
+    return analyse(
+        [datetime.fromisoformat(one.at) for one in checks],
+        [one.level for one in checks],
+        [one.temperature for one in checks],
+    )
 
 
 def analyse(times: list[datetime], values: list[float], temperatures: list[float]) -> Trend | None:

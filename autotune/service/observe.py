@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from autotune.monitoring.check_file import before_of
-from autotune.monitoring.trend import Change, Trend, analyse, sentence
+from autotune.monitoring.check_file import sound_checks
+from autotune.monitoring.trend import Change, Trend, sentence, trend_over
 
 TOLD_DAYS = 25
 NOTICEABLE = 0.05
@@ -28,16 +28,7 @@ class Told:
 
 def trend_of(contents: Sequence[dict[str, Any]]) -> Trend | None:
     """Trend of the friction level over checks, given as their JSON objects, oldest first."""
-    sound = [
-        one
-        for content in contents
-        if (one := before_of(content)) is not None and content["drift"].get("state") != "signal"
-    ]
-    return analyse(
-        [datetime.fromisoformat(one.at) for one in sound],
-        [one.level for one in sound],
-        [one.temperature for one in sound],
-    )
+    return trend_over(sound_checks(contents))
 
 
 def news(trend: Trend | None, told: Sequence[Told]) -> list[tuple[Told, str]]:

@@ -152,7 +152,7 @@ def test_a_guard_that_the_drive_rounds_is_one(running: Simulator, monkeypatch: p
     drive = connect(running)
     with monkeypatch.context() as patched:
         _garble_the_guard(drive, patched, 127 << 16 | 152)
-        play(drive, [HOLD] * 5)
+        assert len(play(drive, [HOLD] * 5)) == 5
     drive.close()
 
 

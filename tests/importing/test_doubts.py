@@ -464,15 +464,21 @@ def test_the_signs_of_a_simulated_axis_are_right_and_turned_ones_are_found() -> 
 
 
 def test_a_velocity_that_lacks_a_number_says_nothing_of_its_unit() -> None:
-    """One empty cell was a velocity of "nan times the derivative of position"."""
+    """One empty cell was a velocity of "nan times the derivative of position", whatever the others were."""
     time = 1e-3 * np.arange(4000)
-    position = np.sin(3.0 * time)
-    velocity = 3.0 * np.cos(3.0 * time)
-    velocity[1234] = np.nan
-    columns = {
-        "time": time,
-        "position": position,
-        "velocity": velocity,
-        "torque": 0.1 * np.sign(np.cos(3.0 * time)),
-    }
-    refuse_other_velocity(Recording.from_columns(columns, Metadata(sample_period=1e-3), "a"), "all")
+    columns = {"time": time, "position": np.sin(3.0 * time), "torque": 0.1 * np.sign(np.cos(3.0 * time))}
+
+    def asked(velocity: Floats) -> str:
+        recording = Recording.from_columns(
+            {**columns, "velocity": velocity}, Metadata(sample_period=1e-3), "a"
+        )
+        try:
+            refuse_other_velocity(recording, "all")
+        except RecordingError as error:
+            return str(error)
+        return ""
+
+    turns_a_minute = 3.0 * np.cos(3.0 * time) * 60.0 / (2.0 * np.pi)
+    assert "velocity" in asked(turns_a_minute)
+    turns_a_minute[1234] = np.nan
+    assert asked(turns_a_minute) == ""

@@ -104,7 +104,7 @@ def unwrap_clock(raw: Floats, notes: list[str]) -> Floats:
     there = np.isfinite(raw)
     if not np.all(there):
         whole = raw.copy()
-        whole[there] = unwrap_clock(raw[there], notes) if there.any() else raw[there]
+        whole[there] = unwrap_clock(raw[there], notes)
         return whole
     step = np.diff(raw)
     back = np.flatnonzero(step < 0)
