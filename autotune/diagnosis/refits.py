@@ -104,17 +104,20 @@ def judged(
     problem: Problem, root: ModelFit, settled: ModelFit, effect: str, model_fit: ModelFit | None = None
 ) -> FittedCandidate:
     """What a settled model explains; the gain counts from `model_fit`, or from the root."""
-    before = model_fit or root
-    if has_load(settled.fitted.packed.on) and problem.has_veto:
-        gain = gain_on_veto(problem, before, settled)
-    else:
-        gain = gain_and_z(before.unseen, settled.unseen)[0]
+    gain = gain_beside(problem, model_fit or root, settled)
     parts = [
         explained(problem, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
     ]
     veto = parts[1] if problem.has(VETO) else None
     found = FittedCandidate(effect, settled, gain, parts[0], veto, named=False)
     return replace(found, named=found.share >= needed_share(problem, found))
+
+
+def gain_beside(problem: Problem, before: ModelFit, settled: ModelFit) -> float:
+    """Fall of the error on data that were not fitted, from a model to a settled one; see `gain_on_veto`."""
+    if has_load(settled.fitted.packed.on) and problem.has_veto:
+        return gain_on_veto(problem, before, settled)
+    return gain_and_z(before.unseen, settled.unseen)[0]
 
 
 def needed_share(problem: Problem, found: FittedCandidate) -> float:
@@ -234,15 +237,20 @@ def with_effects(base: Packed, other: Packed, effects: Sequence[str]) -> Packed:
 def best_refined(
     problem: Problem,
     root: ModelFit,
+    before: ModelFit,
     fits: Sequence[FittedCandidate],
     best: FittedCandidate,
     progress: Progress,
 ) -> list[FittedCandidate]:
-    """The fits with the best of them refined: beside another effect it has not settled after two rounds."""
+    """The fits with the best of them refined: beside another effect it has not settled after two rounds.
+
+    Its gain counts from the model `before` it, as that of the others does.
+    """
     if not NEARLY < best.share < REFINED:
         return list(fits)
     done = refined(problem, root, best, progress)
-    done = replace(done, effect=best.effect, gain=max(best.gain, done.gain))
+    gain = gain_beside(problem, before, done.model_fit)
+    done = replace(done, effect=best.effect, gain=max(best.gain, gain))
     return [done if one is best else one for one in fits]
 
 

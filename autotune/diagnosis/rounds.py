@@ -39,6 +39,7 @@ from autotune.diagnosis.refits import (
     RIVAL_COST,
     best_refined,
     fitted_again,
+    gain_beside,
     inside_twin,
     judged,
     looped_otherwise,
@@ -386,7 +387,8 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
     else:
         state.later += fits
     if not first and state.evidence.repeats and fits:
-        fits = best_refined(problem, state.root, fits, state.evidence.best(problem, fits), state.progress)
+        leads = state.evidence.best(problem, fits)
+        fits = best_refined(problem, state.root, model_fit, fits, leads, state.progress)
     best = _best(state, fits)
     return None if best is not None and not first and _law_before(state, ranked) else best
 
@@ -570,9 +572,16 @@ def _worth_at_its_best(state: SearchState, best: FittedCandidate) -> FittedCandi
     if state.chosen is None or not state.evidence.repeats:
         return None
     led = _masses_at_their_best(state, best)
-    if led is not best and state.worth_having(led):
-        return led
+    if led is not best:
+        led = _counted_beside(state, best, led)
+        if state.worth_having(led):
+            return led
     return _worth_by_its_course(state, led)
+
+
+def _counted_beside(state: SearchState, best: FittedCandidate, led: FittedCandidate) -> FittedCandidate:
+    """A further effect that was led on, its gain from what is chosen already: `refined` counts it from the root."""
+    return replace(led, gain=max(best.gain, gain_beside(state.problem, state.model_fit, led.model_fit)))
 
 
 def _masses_at_their_best(state: SearchState, best: FittedCandidate) -> FittedCandidate:
@@ -612,6 +621,7 @@ def _worth_by_its_course(state: SearchState, best: FittedCandidate) -> FittedCan
         return _both_by_their_courses(state, shaped or best)
     parts = explained_of_rest(problem, before, shaped.model_fit)
     told = all(part.share >= problem.policy.named for part in parts)
+    shaped = _counted_beside(state, best, shaped)
     return shaped if told and state.worth_having(shaped) else None
 
 
@@ -630,7 +640,7 @@ def _both_by_their_courses(state: SearchState, second: FittedCandidate) -> Fitte
         return None
     both = replace(both, effect=second.effect, gain=second.gain)
     if not both.named and second.effect not in state.freed:
-        both = state.shaped(both) or both
+        both = _counted_beside(state, second, state.shaped(both) or both)
     if not state.worth_having(both):
         state.freed.pop(second.effect, None)
         return None

@@ -106,4 +106,5 @@ def test_the_others_of_a_round_stay_beside_the_best_that_was_refined(monkeypatch
     done = item("torque_lag", share=0.95)
     monkeypatch.setattr(refits, "refined", lambda *_: done)
     monkeypatch.setattr(refits, "replace", lambda one, **_: one)
-    assert refits.best_refined(None, None, fits, fits[0], no_progress) == [done, fits[1]]
+    monkeypatch.setattr(refits, "gain_beside", lambda *_: 0.0)
+    assert refits.best_refined(None, None, None, fits, fits[0], no_progress) == [done, fits[1]]

@@ -299,6 +299,7 @@ def test_a_further_transmission_is_led_on_before_it_is_refused(
     monkeypatch.setattr(rounds, "other_contact_tried", lambda *_: led)
     monkeypatch.setattr(rounds, "explained_of_rest", lambda *_: [SimpleNamespace(share=0.8)])
     monkeypatch.setattr(rounds, "_worth_by_its_course", lambda *_: None)
+    monkeypatch.setattr(rounds, "_counted_beside", lambda *given: given[-1])
     monkeypatch.setattr(SearchState, "worth_having", lambda _, one: one is led)
     before = SimpleNamespace(fitted=SimpleNamespace(cost=1.0))
     search = _search(SimpleNamespace(model_fit=before, named=False))
@@ -330,10 +331,35 @@ def test_a_further_effect_may_be_worth_having_by_its_course(
     monkeypatch.setattr(rounds, "explained_of_rest", lambda *_: parts)
     monkeypatch.setattr(SearchState, "shaped", lambda *_: shaped)
     monkeypatch.setattr(SearchState, "worth_having", lambda *_: True)
+    monkeypatch.setattr(rounds, "_counted_beside", lambda *given: given[-1])
     chosen = SimpleNamespace(model_fit=None)
     best = SimpleNamespace(model_fit=None)
     assert _worth_by_its_course(_search(chosen), best) is (shaped if taken else None)
     assert _worth_by_its_course(_search(None), best) is None
+
+
+@pytest.mark.parametrize(("left", "gain"), [(0.8, 0.3), (0.5, 0.5)], ids=["less than before", "more"])
+def test_a_further_effect_that_was_led_on_gains_from_what_is_chosen(
+    monkeypatch: pytest.MonkeyPatch, left: float, gain: float
+) -> None:
+    """Refined, it was worth having by what the effects before it gain from the root.
+
+    `left`: of what the chosen one leaves; 0.3 was its gain as its fit stopped.
+    """
+
+    def leaves(error: float) -> SimpleNamespace:
+        on = np.zeros(16, dtype=np.bool_)
+        fitted = SimpleNamespace(packed=SimpleNamespace(on=on))
+        return SimpleNamespace(fitted=fitted, unseen=Unseen(np.full(10, error)))
+
+    state = _search(Item("stribeck", leaves(1.0)))
+    state.root = leaves(100.0)
+    best, led = Item("spring", leaves(0.9), gain=0.3), Item("spring", leaves(left), gain=0.995)
+    assert rounds._counted_beside(state, best, led).gain == pytest.approx(gain)
+    monkeypatch.setattr(refits, "refined", lambda *_: replace(led, share=0.97))
+    fits = [replace(best, share=0.9)]
+    found = refits.best_refined(None, state.root, leaves(1.0), fits, fits[0], no_progress)
+    assert found[0].gain == pytest.approx(gain)
 
 
 @dataclass(frozen=True)
@@ -393,6 +419,7 @@ def test_two_effects_by_other_laws_have_their_courses_together(
 
     monkeypatch.setattr(rounds, "with_free_shape", shape)
     monkeypatch.setattr(SearchState, "worth_having", lambda *_: worth)
+    monkeypatch.setattr(rounds, "_counted_beside", lambda *given: given[-1])
     state = _search(first)
     state.freed = dict(freed)
     found = _both_by_their_courses(state, second)
