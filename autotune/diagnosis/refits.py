@@ -444,14 +444,17 @@ def with_noise_of(problem: Problem, root: ModelFit) -> tuple[Problem, ModelFit]:
 
 def fitted_again(
     problem: Problem, root: ModelFit, candidates: Sequence[FittedCandidate]
-) -> tuple[ModelFit, list[FittedCandidate]]:
-    """All models fitted again after torque and motion were aligned anew: only so can they be compared."""
+) -> tuple[ModelFit, list[FittedCandidate | None]]:
+    """All models fitted again after torque and motion were aligned anew: only so can they be compared.
+
+    None for those whose twin is unstable there: what they left before says nothing of what is compared now.
+    """
     before = fit_inside_twin(problem, root.fitted.packed, list(root.free), 2) or root
-    again = []
+    again: list[FittedCandidate | None] = []
     for item in candidates:
         own = item.model_fit
         after = fit_inside_twin(problem, own.fitted.packed, list(own.free), 2, own.effects)
-        again.append(item if after is None else judged(problem, before, after, item.effect))
+        again.append(None if after is None else judged(problem, before, after, item.effect))
     return before, again
 
 

@@ -194,12 +194,19 @@ class SearchState:
         return sure and (kind.approximate or kind.needs_rests)
 
     def moved(self, problem: Problem, best: FittedCandidate) -> FittedCandidate:
-        """The best candidate as torque and motion are aligned now; so are its rivals, or only the alignment tells."""
+        """The best candidate as torque and motion are aligned now; so are its rivals, or only the alignment tells.
+
+        It, and all else, as it was where its twin is unstable so. Rivals whose twins are have nothing to be compared by.
+        """
         rivals = [item for item in self.tried if item.named and item.effect != best.effect]
-        self.problem = problem
-        self.root, (best, *moved) = fitted_again(problem, self.root, [best, *rivals])
-        self.tried = list({item.effect: item for item in (*self.tried, *moved)}.values())
-        return best
+        root, (after, *moved) = fitted_again(problem, self.root, [best, *rivals])
+        if after is None:
+            return best
+        self.problem, self.root = problem, root
+        there = {item.effect: again for item, again in zip(rivals, moved, strict=True)}
+        again = [there.get(item.effect, item) for item in self.tried]
+        self.tried = [item for item in again if item is not None]
+        return after
 
     def shaped(self, item: FittedCandidate) -> FittedCandidate | None:
         """A fit with the course of its effect free; None where that does not explain clearly more."""
@@ -321,12 +328,11 @@ def _looped_anew(state: SearchState, best: FittedCandidate) -> bool:
     found = otherwise(state, state.model_fit, best.model_fit)
     if found is None:
         return False
-    state.problem, before = found
     if state.chosen is None:
-        state.root = before
-    else:
-        state.root, (state.chosen,) = fitted_again(state.problem, state.root, [state.chosen])
-    return True
+        state.problem, state.root = found
+        return True
+    state.chosen = state.moved(found[0], state.chosen)
+    return state.problem is found[0]
 
 
 def otherwise(state: SearchState, before: ModelFit, loaded: ModelFit) -> tuple[Problem, ModelFit] | None:

@@ -499,9 +499,10 @@ def _loaded_by_the_loop(state: SearchState) -> bool:
     found = otherwise(state, less.model_fit, chosen.model_fit) if less is not None else None
     if less is None or found is None:
         return False
-    state.problem = found[0]
-    bare = replace(less, model_fit=found[1])
-    state.root, (state.chosen,) = fitted_again(state.problem, state.root, [bare])
+    bare = state.moved(found[0], replace(less, model_fit=found[1]))
+    if state.problem is not found[0]:
+        return False
+    state.chosen = bare
     return True
 
 
@@ -575,9 +576,12 @@ def _without_chains_lag(state: SearchState) -> None:
     again = state.evidence.aligned(state.problem, less.model_fit) if less is not None else state.problem
     if less is None or again is state.problem:
         return
-    root, (bare,) = fitted_again(again, state.root, [less])
-    if bare.model_fit.fitted.cost <= LEVEL_GROUND * chosen.model_fit.fitted.cost:
-        state.problem, state.root, state.chosen = again, root, bare
+    before = state.problem, state.root, state.tried
+    bare = state.moved(again, less)
+    if state.problem is again and bare.model_fit.fitted.cost <= LEVEL_GROUND * chosen.model_fit.fitted.cost:
+        state.chosen = bare
+    else:
+        state.problem, state.root, state.tried = before
 
 
 def _cycles_do(state: SearchState, chosen: FittedCandidate) -> bool:

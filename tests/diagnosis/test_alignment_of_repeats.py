@@ -588,7 +588,7 @@ def test_a_lag_beside_others_goes_where_the_chain_beside_them_is_as_late(
     less = replace(chosen, model_fit=bare)
     monkeypatch.setattr(RepeatedProgramme, "aligned", lambda *_: again)
     monkeypatch.setattr("autotune.diagnosis.search.without_effect", lambda *_: less)
-    monkeypatch.setattr("autotune.diagnosis.search.fitted_again", lambda *_: (bare, [less]))
+    monkeypatch.setattr("autotune.diagnosis.rounds.fitted_again", lambda *_: (bare, [less]))
     search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme(), chosen=chosen)
     _without_chains_lag(search)
     assert (search.chosen is less) == dropped

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autotune.diagnosis import backward, refits, search, settling
+from autotune.diagnosis import backward, refits, rounds, search, settling
 from autotune.diagnosis.backward import Backward
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.rounds import SearchState
@@ -108,3 +108,36 @@ def test_the_others_of_a_round_stay_beside_the_best_that_was_refined(monkeypatch
     monkeypatch.setattr(refits, "replace", lambda one, **_: one)
     monkeypatch.setattr(refits, "gain_beside", lambda *_: 0.0)
     assert refits.best_refined(None, None, None, fits, fits[0], no_progress) == [done, fits[1]]
+
+
+def test_what_is_unstable_where_the_torque_was_moved_stays_where_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It was compared there by what it leaves of another torque, and was as good as before."""
+    best, rival = item("spring"), item("stribeck")
+    state = state_of(None, (best, rival), monkeypatch)
+    before, again = (state.problem, state.root, state.tried), SimpleNamespace(policy=POLICY)
+
+    def unstable(*effects: str) -> None:
+        twins = {"spring", "stribeck"} - set(effects)
+        monkeypatch.setattr(
+            rounds,
+            "fitted_again",
+            lambda _, __, items: ("root", [one if one.effect in twins else None for one in items]),
+        )
+
+    unstable("spring")
+    assert state.moved(again, best) is best
+    assert (state.problem, state.root, state.tried) == before
+    unstable("stribeck")
+    assert state.moved(again, best) is best
+    assert (state.problem, state.root) == (again, "root")
+    assert [one.effect for one in state.tried] == ["spring"], "a rival without a twin is none there"
+
+
+def test_a_fit_that_is_unstable_in_another_problem_has_no_figures_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(refits, "fit_inside_twin", lambda *_: None)
+    fit = SimpleNamespace(fitted=SimpleNamespace(packed=None), free=(), effects=("spring",))
+    assert refits.fitted_again(None, fit, [Item("spring", fit)]) == (fit, [None])
