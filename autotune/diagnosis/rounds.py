@@ -196,15 +196,15 @@ class SearchState:
     def moved(self, problem: Problem, best: FittedCandidate) -> FittedCandidate:
         """The best candidate as torque and motion are aligned now; so are its rivals, or only the alignment tells.
 
-        It, and all else, as it was where its twin is unstable so. Rivals whose twins are have nothing to be compared by.
+        All is as it was where its twin is unstable so. Rivals whose twins are have nothing to be compared by.
         """
-        rivals = [item for item in self.tried if item.named and item.effect != best.effect]
+        own = best.model_fit.effects
+        rivals = [item for item in self.tried if item.model_fit.effects != own]
         root, (after, *moved) = fitted_again(problem, self.root, [best, *rivals])
         if after is None:
             return best
-        self.problem, self.root = problem, root
-        there = {item.effect: again for item, again in zip(rivals, moved, strict=True)}
-        again = [there.get(item.effect, item) for item in self.tried]
+        self.problem, self.root, there = problem, root, iter(moved)
+        again = [after if item.model_fit.effects == own else next(there) for item in self.tried]
         self.tried = [item for item in again if item is not None]
         return after
 

@@ -514,7 +514,7 @@ def _lags_after_all(state: SearchState) -> bool:
     without it. What a loop's lag does comes again in every repeat: where nothing of that is left beyond doubt, it is
     not asked.
     """
-    before, left = (state.problem, state.root, state.chosen, state.tried), state.model_fit
+    before, left = (state.problem, state.root, state.chosen, state.tried, {**state.freed}), state.model_fit
     asked = state.evidence.repeats and state.more_to_explain(left)
     found = lag_in_loop(state.problem, left) if asked else None
     if found is None or not state.evidence.apart(state.problem, found[1], left):
@@ -523,15 +523,14 @@ def _lags_after_all(state: SearchState) -> bool:
     if any(part.share < state.problem.policy.named for part in parts):
         return False
     state.progress("a lag of the loop, by another way of recording")
-    state.problem, lagging = with_noise_of(*found)
-    state.root, _ = fitted_again(state.problem, state.root, [])
-    best = judged(state.problem, state.root, lagging, LAG)
+    problem, lagging = with_noise_of(*found)
+    best = state.moved(problem, judged(problem, state.root, lagging, LAG))
     known = before[2] is not None and before[2].named
     if best.named or (before[2] is not None and not known):
         take(state, best)
         if not known or (state.chosen is not None and state.chosen.named):
             return True
-    state.problem, state.root, state.chosen, state.tried = before
+    state.problem, state.root, state.chosen, state.tried, state.freed = before
     return False
 
 
@@ -592,10 +591,8 @@ def _cycles_do(state: SearchState, chosen: FittedCandidate) -> bool:
     if again is state.problem or bare.fitted.cost > least:
         return False
     state.progress("whole cycles in the place of a lag")
-    state.problem = again
-    state.root, _ = fitted_again(again, state.root, [])
-    others = [effect for effect in bare.effects if effect == chosen.effect] or [bare.effects[-1]]
-    state.chosen = judged(again, state.root, bare, others[0])
+    leads = chosen.effect if chosen.effect in bare.effects else bare.effects[-1]
+    state.chosen = state.moved(again, judged(again, state.root, bare, leads))
     return True
 
 

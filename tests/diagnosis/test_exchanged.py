@@ -135,6 +135,67 @@ def test_what_is_unstable_where_the_torque_was_moved_stays_where_it_was(
     assert [one.effect for one in state.tried] == ["spring"], "a rival without a twin is none there"
 
 
+def test_all_that_was_tried_is_compared_where_the_torque_was_moved_to(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What had no name before, and the chosen effect by itself, were left with the errors of the torque before."""
+    tried = item("spring", left=3.0), item("stribeck", left=3.0, named=False)
+    state = state_of(None, tried, monkeypatch)
+    monkeypatch.setattr(
+        rounds,
+        "fitted_again",
+        lambda _, __, items: ("root", [item(*i.model_fit.effects, left=1.0) for i in items]),
+    )
+    for best in (item("spring", left=2.0), item("stribeck", "spring", left=2.0)):
+        state.tried = list(tried)
+        assert state.moved(SimpleNamespace(policy=POLICY), best).model_fit.left == 1.0
+        assert [(one.effect, one.model_fit.left) for one in state.tried] == [
+            ("spring", 1.0),
+            ("stribeck", 1.0),
+        ]
+
+
+def test_cycles_in_the_place_of_a_lag_move_what_was_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    state = state_of(item("spring", "torque_lag"), (item("spring"), item("stribeck")), monkeypatch)
+    state.problem.twin, again = True, SimpleNamespace(policy=POLICY)
+    state.chosen.model_fit.fitted.cost = 1.0
+    bare = item("spring").model_fit
+    bare.fitted.cost = 0.5
+    monkeypatch.setattr(search, "sees_late", lambda _: False)
+    monkeypatch.setattr(search, "cycles_in_place", lambda *_: [(again, bare)])
+    monkeypatch.setattr(search, "judged", lambda *_: item("spring"))
+    monkeypatch.setattr(
+        rounds,
+        "fitted_again",
+        lambda _, __, items: ("root", [item(*i.model_fit.effects, left=0.1) for i in items]),
+    )
+    assert search._cycles_do(state, state.chosen)
+    assert (state.problem, state.root, state.chosen.model_fit.left) == (again, "root", 0.1)
+    assert [one.model_fit.left for one in state.tried] == [0.1, 0.1]
+
+
+def test_a_lag_that_is_not_taken_leaves_no_course_freed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the lag the course of the spring was free; without it the spring has its own law again."""
+    chosen = item("spring")
+    state = state_of(chosen, (chosen,), monkeypatch)
+    state.evidence.apart = lambda *_: True
+    lagging = item("spring", "torque_lag")
+    monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: True)
+    monkeypatch.setattr(search, "lag_in_loop", lambda *_: (state.problem, lagging.model_fit))
+    monkeypatch.setattr(search, "explained_of_rest", lambda *_: [SimpleNamespace(share=1.0)])
+    monkeypatch.setattr(search, "with_noise_of", lambda *found: found)
+    monkeypatch.setattr(search, "judged", lambda *_: lagging)
+    monkeypatch.setattr(SearchState, "moved", lambda _, __, best: best)
+
+    def take(state: SearchState, best: Item) -> None:
+        state.freed["spring"] = False
+        state.chosen = item("spring", "torque_lag", named=False)
+
+    monkeypatch.setattr(search, "take", take)
+    assert not search._lags_after_all(state)
+    assert (state.chosen, state.freed) == (chosen, {})
+
+
 def test_a_fit_that_is_unstable_in_another_problem_has_no_figures_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
