@@ -205,7 +205,8 @@ class Backward:
             replaced = next(effect for effect in own if effect not in effects)
             self.progress(f"{item.effect} in the place of {replaced}")
             return in_place_of(self.problem, self.root, chosen, replaced, item)
-        if item.model_fit.fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost:
+        far = item.model_fit.fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost
+        if far and self._of_these_data(item.model_fit):
             return None
         self.progress(f"{item.effect} in the place of another")
         packed, free = item.model_fit.fitted.packed, list(item.model_fit.free)

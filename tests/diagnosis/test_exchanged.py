@@ -76,6 +76,21 @@ def test_a_fit_of_a_torque_that_was_moved_since_says_nothing(now: bool, kept: bo
     assert Backward(*given)._of_these_data(fit) is kept
 
 
+@pytest.mark.parametrize(("now", "asked"), [(True, False), (False, True)])
+def test_what_a_rival_left_of_an_earlier_torque_does_not_rule_it_out(
+    monkeypatch: pytest.MonkeyPatch, now: bool, asked: bool
+) -> None:
+    """As its round ended the cycles were not taken out yet, and any model left twice as much."""
+    chosen, rival = item("spring", "thermal_drift"), item("spring", "stribeck")
+    chosen.model_fit.fitted.cost, rival.model_fit.fitted.cost = 1.0, 2.0
+    rival.model_fit.free = ()
+    monkeypatch.setattr(Backward, "_of_these_data", lambda *_: now)
+    monkeypatch.setattr(backward, "fit_inside_twin", lambda *_: rival.model_fit)
+    monkeypatch.setattr(backward, "judged", lambda *_: rival)
+    given: Any = (SimpleNamespace(policy=POLICY), None, None, no_progress)
+    assert (Backward(*given)._in_place(chosen, rival) is rival) is asked
+
+
 def test_what_looks_like_the_first_effect_stays_its_rival(monkeypatch: pytest.MonkeyPatch) -> None:
     tried = (
         item("spring", gain=0.7),
