@@ -248,6 +248,7 @@ def _other_law(state: SearchState, ranked: Sequence[ScreenedCandidate]) -> bool:
 
     Memory is no effect beside the friction of many contacts, unless it goes on beyond them.
     """
+    state.outdone = None  # of a round before, from another root
     asked = state.more_to_explain(state.root)
     if not asked and not state.evidence.worth_fitting(state.problem, state.root, ranked):
         return False

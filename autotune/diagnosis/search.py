@@ -46,6 +46,7 @@ from autotune.diagnosis.refits import (
     inside_twin,
     judged,
     refined,
+    settled_in,
     taken_out,
     unsettled,
     with_contact,
@@ -294,7 +295,7 @@ def _other_law_beside(state: SearchState) -> bool:
 
     Where what explained more could not be taken after all, or errs more inside the twin, it does.
     """
-    other = state.outdone if _outdone_after_all(state) else None
+    other = _outdone_after_all(state)
     found, beside = state.chosen or _best_refused(state), state.beside
     if other is None and found is not None:
         other = _root_beside(state, found)
@@ -332,12 +333,17 @@ def _seek_memory_in_the_climb(state: SearchState) -> None:
             setattr(state, one.name, getattr(before, one.name))
 
 
-def _outdone_after_all(state: SearchState) -> bool:
-    """Whether a law of the base that the best effect seemed to outdo explains more than what was found."""
-    if state.outdone is None or state.chosen is None:
-        return state.outdone is not None
-    left = [error_left(state.problem, one) for one in (state.outdone, state.chosen.model_fit)]
-    return left[0] < left[1]
+def _outdone_after_all(state: SearchState) -> ModelFit | None:
+    """The law of the base that the best effect seemed to outdo, if it explains more than what was found.
+
+    Fitted to what is compared now: torque and motion may have been moved since, by what was found.
+    """
+    there = settled_in(state.problem, state.outdone) if state.outdone is not None else None
+    if there is None or state.chosen is None:
+        return None if there is None else there[1]
+    problem, other = there
+    less = error_left(problem, other) < error_left(problem, state.chosen.model_fit)
+    return other if less else None
 
 
 def _root_beside(state: SearchState, chosen: FittedCandidate) -> ModelFit | None:

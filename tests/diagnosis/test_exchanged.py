@@ -217,3 +217,29 @@ def test_a_fit_that_is_unstable_in_another_problem_has_no_figures_there(
     monkeypatch.setattr(refits, "fit_inside_twin", lambda *_: None)
     fit = SimpleNamespace(fitted=SimpleNamespace(packed=None), free=(), effects=("spring",))
     assert refits.fitted_again(None, fit, [Item("spring", fit)]) == (fit, [None])
+
+
+@pytest.mark.parametrize(
+    ("found", "moved", "taken"),
+    [(0.8, 0.5, True), (0.8, 0.9, False), (None, 0.9, True), (0.8, None, False), (None, None, False)],
+    ids=["it leaves less", "more", "beside nothing", "unstable", "unstable beside nothing"],
+)
+def test_a_law_that_was_outdone_is_compared_where_the_torque_was_moved_to(
+    monkeypatch: pytest.MonkeyPatch, found: float | None, moved: float | None, taken: bool
+) -> None:
+    """As it was outdone it left 0.7 of another torque."""
+    state = state_of(None if found is None else item("spring", left=found), (), monkeypatch)
+    assert search._outdone_after_all(state) is None
+    state.outdone = SimpleNamespace(left=0.7)
+    there = None if moved is None else (state.problem, SimpleNamespace(left=moved))
+    monkeypatch.setattr(search, "settled_in", lambda *_: there)
+    assert search._outdone_after_all(state) is (there[1] if there is not None and taken else None)
+
+
+def test_no_law_of_an_earlier_root_counts_as_outdone(monkeypatch: pytest.MonkeyPatch) -> None:
+    state = state_of(None, (), monkeypatch)
+    state.outdone = SimpleNamespace(left=0.7)
+    state.evidence.worth_fitting = lambda *_: []
+    monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: False)
+    assert not rounds._other_law(state, [])
+    assert state.outdone is None
