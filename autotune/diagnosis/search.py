@@ -618,15 +618,27 @@ def _beside_own_presliding(state: SearchState, found: Found) -> Found:
         if others
         else None
     )
+    beside = beside if beside is not None and _needed_beside(state, own, beside) else None
+    alike = [_beside_elements(item) for item in found.exchanged if MEMORY in item.model_fit.effects]
+    single = {item.effect: item for item in state.tried if item.effect != MEMORY}
+    if len(others) == 1 and beside is not None:  # those by themselves lack the elements
+        single |= {item.effect: item for item in alike}
     found = replace(
         found,
         root=own,
-        chosen=beside if beside is not None and _needed_beside(state, own, beside) else None,
+        chosen=beside,
         first=[item for item in state.first if item.effect != MEMORY],
-        tried=[item for item in state.tried if item.effect != MEMORY],
+        tried=list(single.values()),
+        exchanged=alike if len(others) > 1 else (),
         presliding=chosen,
     )
     return found if found.chosen is not None else _begun_beside(state, found)
+
+
+def _beside_elements(item: FittedCandidate) -> FittedCandidate:
+    """A fit with elements that are no memory: the root has them, and its effects are the others."""
+    others = tuple(effect for effect in item.model_fit.effects if effect != MEMORY)
+    return replace(item, model_fit=replace(item.model_fit, effects=others))
 
 
 def _begun_beside(state: SearchState, found: Found) -> Found:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -243,3 +244,61 @@ def test_no_law_of_an_earlier_root_counts_as_outdone(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: False)
     assert not rounds._other_law(state, [])
     assert state.outdone is None
+
+
+@pytest.mark.parametrize(
+    ("others", "tried", "exchanged"),
+    [
+        (("spring",), {"spring": 3.0, "gravity_imbalance": 1.1, "stribeck": 3.0}, []),
+        (
+            ("thermal_drift", "spring"),
+            {"spring": 3.0, "gravity_imbalance": 3.0, "stribeck": 3.0},
+            [("gravity_imbalance", "thermal_drift", "spring")],
+        ),
+    ],
+    ids=["one", "two"],
+)
+def test_rivals_beside_elements_that_are_the_base_s_have_them_too(
+    monkeypatch: pytest.MonkeyPatch,
+    others: tuple[str, ...],
+    tried: dict[str, float],
+    exchanged: list[tuple[str, ...]],
+) -> None:
+    """By themselves they lack the elements, and leave three times as much: a rival that does as well was none.
+
+    Of several effects the memory itself was told as what may stand for one of them.
+    """
+    chosen = item("reversal_memory", *others)
+    by_themselves = [
+        item(one, left=3.0) for one in ("spring", "gravity_imbalance", "stribeck", "reversal_memory")
+    ]
+    state = state_of(chosen, tuple(by_themselves), monkeypatch)
+    rival = replace(
+        item("reversal_memory", "gravity_imbalance", *others[:-1], left=1.1), effect="gravity_imbalance"
+    )
+    if len(others) > 1:
+        rival = replace(
+            item("gravity_imbalance", "reversal_memory", *others, left=1.1), effect="gravity_imbalance"
+        )
+    instead = item("stribeck", *others, left=1.2)
+    for name, value in {
+        "with_own_presliding": "own",
+        "_remembered_beyond": None,
+        "_needed_beside": True,
+    }.items():
+        monkeypatch.setattr(search, name, lambda *_, value=value: value)
+    monkeypatch.setattr(search, "replace", _replaced)
+    found = search._beside_own_presliding(
+        state, search.Found(None, None, chosen, (), state.tried, {}, exchanged=[rival, instead])
+    )
+    assert {one.effect: one.model_fit.left for one in found.tried} == tried
+    assert [one.model_fit.effects for one in found.exchanged] == exchanged
+    assert found.chosen is not None
+    assert found.chosen.model_fit.effects == others
+
+
+def _replaced(one: Any, **changes: Any) -> Any:
+    """`replace`, of what stands for a fit as well."""
+    if isinstance(one, SimpleNamespace):
+        return SimpleNamespace(**{**vars(one), **changes})
+    return replace(one, **changes)
