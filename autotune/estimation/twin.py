@@ -336,7 +336,7 @@ def _between_samples(recorded: Recorded, controller: PositionController) -> Loop
     pushed = controller.feedforward_between(reference, fine, recorded.period, recorded.late)
     controller, pushed = _as_soon(controller, pushed, recorded.period)
     share = 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
-    pushed = pushed + np.repeat(recorded.feedforward, ticks)
+    pushed = pushed + np.repeat(later(recorded.feedforward, recorded.late), ticks)
     rate = controller.reference_rate * (fine[ticks] - fine[0]) / recorded.period - float(recorded.velocity[0])
     total = 0.0
     if controller.ki > 0:

@@ -43,20 +43,25 @@ from autotune.estimation.contact_start import (
 )
 from autotune.estimation.controller import asked
 from autotune.estimation.cross_validation import Explained
-from autotune.estimation.data import Prepared
+from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import (
+    asked_late,
     estimate_disturbance,
 )
 from autotune.estimation.least_squares import Fitted, Free
-from autotune.estimation.problem import Correction, Problem, Told, refit
+from autotune.estimation.problem import Correction, Problem, Told, new_problem, refit
 from autotune.estimation.residual import Simulated, measured_motion
-from autotune.estimation.twin_runs import acted_late, run_twin, run_twins, shaken
+from autotune.estimation.twin import loop_along
+from autotune.estimation.twin_runs import _recorded, acted_late, run_twin, run_twins, shaken
 from autotune.models import layout
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, STAGES, TIME_CONSTANT
 from autotune.models.torque_path import delivered
 from autotune.models.torque_saturation import bent
+from autotune.recordings.recording import Metadata, Recording
+from autotune.signals.between_samples import delayed
+from tests.estimation.simulated import AXIS, RESOLUTION, TRUE, followed
 from tests.support.axes import NOMINAL, plain_axis
 from tests.support.diagnosis_programme import play, programme
 
@@ -628,6 +633,56 @@ def test_whole_cycles_are_asked_for_a_lag_in_the_twin(
         assert not bare.fitted.packed.on[IS_LATE]
         assert bare.effects == ("spring",)
         assert len(bare.free) == len(begun[1].free)
+
+
+def _added(late: int) -> tuple[Problem, Packed]:
+    """An axis without noise whose host's torque, and what was added to it, act so many rows after they are written."""
+    time = np.arange(3000) * 1e-3
+    reference = 2.0 * (1.0 - np.cos(math.pi * time)) + 0.3 * (1.0 - np.cos(14.0 * time))
+    added = 0.05 * np.sign(np.gradient(reference)) + 0.03 * np.sin(44.0 * time)
+    model = base_model(AXIS)
+    seen = replace(TRUE, reference_delay=late, position_delay=late)
+    wanted, acts = (delayed(one, late, float(one[0])) for one in (reference, added))
+    columns = followed(wanted, np.zeros(len(time)), seen, model, added=acts)
+    written = np.concatenate([columns["torque"][late:], np.full(late, columns["torque"][-1])])
+    columns |= {"reference": reference, "torque": written, "torque_feedforward": added}
+    metadata = Metadata(sample_period=1e-3, position_resolution=RESOLUTION)
+    data = prepare([Recording.from_columns(columns, metadata, "motion")])
+    return new_problem(data, replace(TRUE, exact=True, source="identified")), model.pack()
+
+
+def test_what_was_added_to_a_host_s_torque_acts_as_many_cycles_later() -> None:
+    """Two cycles: added at once it moved the twin by 0.6 mrad, and the law left 7 mN m of an exact torque."""
+    problem, packed = _added(2)
+    again = measured._later_by(problem, 2, measured._acting_later(problem.data, 2, 2))
+    dead = measured._after_dead_time(problem, 2.0)
+    for one in (again, dead):
+        assert one.controller is not None
+        data = one.data
+        run = run_twin(data, packed, one.controller, STILL, np.random.default_rng(1))
+        inside = slice(1500, -100)  # where the twin began has gone
+        assert float(np.max(np.abs((run.position - data.measured)[inside]))) < 5e-5, "a few counts"
+        assert float(np.max(np.abs((data.torque - asked_late(data, one.controller))[inside]))) < 1e-9
+    back = measured._with_cycles_again(again)
+    kept = slice(None, -2)
+    assert np.array_equal(back.data.feedforward[kept], problem.data.feedforward[kept])
+    between = replace(problem, controller=replace(TRUE, ticks=4))
+    moved = measured._later_by(between, 2, between.data)
+    assert moved.data.feedforward is between.data.feedforward, "there the twin sees to it"
+
+
+@pytest.mark.parametrize("late", [0, 2])
+def test_what_was_added_between_the_samples_acts_as_late_as_the_torque(late: int) -> None:
+    problem, _ = _added(0)
+    data, law = problem.data, replace(TRUE, ticks=4)
+    data = replace(data, cycles=late)
+    (stretch,) = data.stretches
+    loops = [
+        loop_along(_recorded(one, law, stretch), law).feedforward
+        for one in (data, replace(data, feedforward=np.zeros(len(data.time))))
+    ]
+    added = np.repeat(delayed(data.feedforward, late, float(data.feedforward[0])), 4)
+    assert loops[0] - loops[1] == pytest.approx(added, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -58,8 +58,12 @@ def followed(
     model: DriveModel,
     limit: float | None = None,
     period: float = PERIOD,
+    added: Floats | float = 0.0,
 ) -> dict[str, Floats]:
-    """Columns of a recording of an axis that follows a reference while a torque disturbs it, shape (n,) each."""
+    """Columns of a recording of an axis that follows a reference while a torque disturbs it, shape (n,) each.
+
+    `added`: to what its controller asks for.
+    """
     packed = model.pack()
     position, torque = np.empty_like(reference), np.empty_like(reference)
     seen = np.zeros(seen_late(law.position_delay))
@@ -73,7 +77,7 @@ def followed(
         True,
         substeps_for(packed.p, period, packed.on),
         reference,
-        law.feedforward(reference, reference[0], period),
+        law.feedforward(reference, reference[0], period) + added,
         disturbance,
         np.zeros_like(reference),
         position,

@@ -163,7 +163,7 @@ def cycles_in_place(problem: Problem, lags: ModelFit) -> list[tuple[Problem, Mod
         if rest > CURRENT_LOOP or more <= 0:
             continue
         later = _acting_later(data, data.upsampling * more, count)
-        again = _with(_later_by(problem, more), behind_current_loop(later, rest))
+        again = _later_by(problem, more, behind_current_loop(later, rest))
         fit = _fit_without_lag(again, lags)
         if fit is not None:
             left = _left(again, fit, again.data)
@@ -206,7 +206,8 @@ def _after_dead_time(problem: Problem, rows: float) -> Problem:
     delays = law.reference_delay + whole, law.position_delay + whole
     law = replace(law, reference_delay=delays[0], position_delay=delays[1], part_late=rows - whole)
     data = acting_later(problem.data, rows - whole)
-    return _with(replace(problem, controller=law), _acting_later(data, whole, problem.data.cycles))
+    late = _fed_later(_acting_later(data, whole, problem.data.cycles), whole)
+    return _with(replace(problem, controller=law), late)
 
 
 def recorded_otherwise(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
@@ -581,7 +582,7 @@ def _ordinary(
         return problem
     error = _error_of_lag(problem, model_fit, best)
     data = replace(behind_current_loop(best.data, min(best.data.lag, CURRENT_LOOP)), lag_error=error)
-    return _with(_later_by(problem, data.cycles - problem.data.cycles), data)
+    return _later_by(problem, data.cycles - problem.data.cycles, data)
 
 
 def sees_late(problem: Problem) -> bool:
@@ -600,16 +601,27 @@ def _with_cycles_again(problem: Problem) -> Problem:
     if data.cycles == 0:
         return problem
     prompt = shifted(data, data.shift + 2.0 * data.upsampling * data.cycles)
-    return _with(_later_by(problem, -data.cycles), prompt)
+    return _later_by(problem, -data.cycles, prompt)
 
 
-def _later_by(problem: Problem, cycles: int) -> Problem:
-    """The problem whose controller sees everything so many cycles later; between the samples the twin sees to it."""
+def _later_by(problem: Problem, cycles: int, data: Prepared) -> Problem:
+    """The problem with data whose torque acts so many cycles later: its controller sees everything as late, and what
+    was added to its torque comes as late; between the samples the twin sees to it."""
     law, later = problem.controller, problem.data.upsampling * cycles
     if law is None or later == 0 or _loops_between(problem):
-        return problem
+        return _with(problem, data)
     delays = law.reference_delay + later, law.position_delay + later
-    return replace(problem, controller=replace(law, reference_delay=delays[0], position_delay=delays[1]))
+    law = replace(law, reference_delay=delays[0], position_delay=delays[1])
+    return _with(replace(problem, controller=law), _fed_later(data, later))
+
+
+def _fed_later(data: Prepared, rows: int) -> Prepared:
+    """The data with the recorded feedforward so many rows later in each stretch, as the torque that it is a part of."""
+    fed = data.feedforward.copy()
+    for stretch in data.stretches:
+        at = np.arange(stretch.start, stretch.stop) - rows
+        fed[stretch.rows] = data.feedforward[np.clip(at, stretch.start, stretch.stop - 1)]
+    return replace(data, feedforward=fed)
 
 
 def _loops_between(problem: Problem) -> bool:
