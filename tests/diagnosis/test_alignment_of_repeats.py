@@ -635,6 +635,22 @@ def test_whole_cycles_are_asked_for_a_lag_in_the_twin(
         assert len(bare.free) == len(begun[1].free)
 
 
+def test_no_torque_is_recorded_two_samples_late(begun: Begun) -> None:
+    """A law that sees all two samples late was told twice; the torque had been moved by one of them only."""
+    problem = begun[0]
+    assert problem.controller is not None
+    law = replace(problem.controller, reference_delay=2, position_delay=2)
+    late = measured.recorded_late(replace(problem, controller=law))
+    assert late is not None
+    assert late.controller is not None
+    assert (late.controller.position_delay, late.data.shift, late.data.late) == (1, 2.0, -1.0)
+    assert measured.recorded_late(late) is None
+    behind = replace(late, data=behind_current_loop(late.data, 3e-4))
+    ((prompt, lag),) = measured._ways_of_recording(behind)
+    assert (prompt.data.shift, prompt.data.lag) == (2.0, 0.0), "it acts at once where it was moved to"
+    assert lag == pytest.approx(3e-4)
+
+
 def _added(late: int) -> tuple[Problem, Packed]:
     """An axis without noise whose host's torque, and what was added to it, act so many rows after they are written."""
     time = np.arange(3000) * 1e-3

@@ -27,7 +27,7 @@ from autotune.estimation.alignment import (
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.controller import as_wanted, recorded_again, recorded_late_by
-from autotune.estimation.controller_law import NEXT
+from autotune.estimation.controller_law import BEFORE, NEXT, PositionController
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.least_squares import CORRELATED, Fitted, followed, standard_errors
 from autotune.estimation.problem import Problem, refit
@@ -298,12 +298,13 @@ def _ways_of_recording(problem: Problem) -> list[tuple[Problem, float]]:
     is expected there, by how late the torque is as it is now."""
     data, law = problem.data, problem.controller
     prompt = _with_cycles_again(problem)
-    prompt = _with(prompt, shifted(prompt.data, prompt.data.shift + 2.0 * prompt.data.late))
-    late = data.period * data.late + data.lag
+    at_once = 2.0 if _is_read_late(law) else data.shift + 2.0 * data.late
+    prompt = _with(prompt, shifted(prompt.data, at_once))
+    late = 0.5 * data.period * (at_once - data.shift) + data.lag
     ways = [(prompt, late)]
-    sooner = recorded_late(prompt)
-    if sooner is not None:
-        ways.append((sooner, late + data.period))
+    read_late = recorded_late(prompt)
+    if read_late is not None:
+        ways.append((read_late, late + data.period))
     told = problem.told
     if law is None or told is None or law.ticks == 1:
         return ways
@@ -327,7 +328,13 @@ def recorded_late(problem: Problem) -> Problem | None:
         return None
     if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
         return None
-    return _with(replace(problem, controller=replace(law.sooner(), why="")), a_row_sooner(problem.data))
+    sooner = replace(law.sooner(), taken=BEFORE, why="")  # once: nothing reads it two samples late
+    return _with(replace(problem, controller=sooner), a_row_sooner(problem.data))
+
+
+def _is_read_late(law: PositionController | None) -> bool:
+    """Whether a torque of the samples is taken as recorded a sample late: it acts at once a row before its own."""
+    return law is not None and law.ticks == 1 and law.taken == BEFORE
 
 
 def sees_a_row_sooner(before: Problem, after: Problem) -> bool:
