@@ -316,7 +316,7 @@ def damped_as_twins_creep(problem: Problem, model_fit: ModelFit) -> ModelFit:
     models = [Packed(packed.p.copy(), packed.on) for _ in TIMES]
     for model, value in zip(models, damping, strict=True):
         model.p[slot] = value
-    projected = Projected.of(problem, model_fit)
+    projected = Projected.of(problem, model_fit, (slot,))
     changes, biases = projected.changes(models), problem.until_judged().biases(models, 1)
     costs = np.array([
         math.inf if bias is None else projected.cost(change, bias)

@@ -49,7 +49,7 @@ from autotune.estimation.disturbance_estimate import (
     asked_late,
     estimate_disturbance,
 )
-from autotune.estimation.least_squares import Fitted, Free
+from autotune.estimation.least_squares import Fitted, Free, jacobian
 from autotune.estimation.problem import Correction, Problem, Told, new_problem, refit
 from autotune.estimation.residual import Simulated, measured_motion
 from autotune.estimation.twin import loop_along
@@ -909,6 +909,24 @@ def test_damping_in_presliding_is_found_again_by_twins_where_a_fit_was_led_astra
     assert found.fitted.cost < 1.05 * root.fitted.cost
     assert float(found.fitted.packed.p[layout.MICRO_DAMPING]) == pytest.approx(own, rel=0.4)
     assert damped_as_twins_creep(replace(problem, controller=None), wrong) is wrong
+
+
+@pytest.mark.slow
+def test_damping_that_is_tried_is_not_solved_for(recorded: Callable[..., Recording]) -> None:
+    """By its slope any damping made the torque of the one before: none left less, and 24 times as much was kept."""
+    problem, root = begin(prepared_to_fit([recorded(5)]), base_model(NOMINAL))[:2]
+    own = float(root.fitted.packed.p[layout.MICRO_DAMPING])
+    p = root.fitted.packed.p.copy()
+    p[layout.MICRO_DAMPING] = 24.0 * own
+    held = [one for one in root.free if one.slot != layout.MICRO_DAMPING]
+    wrong = fit_inside_twin(problem, Packed(p, root.fitted.packed.on), held, 2)
+    assert wrong is not None
+    there = wrong.fitted.packed
+    columns, scales = jacobian(problem.data, problem.moved, there, list(root.free), problem.raw(there))
+    fitted = replace(wrong.fitted, free=root.free, jacobian=columns, scales=scales)
+    found = damped_as_twins_creep(problem, replace(wrong, fitted=fitted))
+    assert found.fitted.cost < 1.3 * root.fitted.cost < 1e-2 * wrong.fitted.cost
+    assert float(found.fitted.packed.p[layout.MICRO_DAMPING]) == pytest.approx(own, rel=0.4)
 
 
 @pytest.mark.parametrize(
