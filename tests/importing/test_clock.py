@@ -55,6 +55,21 @@ def test_small_holes_are_filled_and_gaps_split(tmp_path: Path, signals: dict[str
     np.testing.assert_allclose(recording["position"], true["position"], atol=4e-6)
 
 
+def test_samples_that_a_slower_file_lost_are_counted_in_the_period_of_all(tmp_path: Path) -> None:
+    """Fifty of 2 ms, beside a file of 1 ms: those are 101 samples between the rows on either side."""
+    slow, keep = axis_signals(2000, 2e-3), np.ones(2000, dtype=bool)
+    keep[1000:1050] = False
+    paths = [
+        write_table(tmp_path / "quick.csv", axis_signals()),
+        write_table(tmp_path / "slow.csv", {name: values[keep] for name, values in slow.items()}),
+    ]
+    recording = bring_in(*paths).recording
+    (after,) = np.flatnonzero(recording.missed)
+    assert recording.missed[after] == 101
+    apart = recording["time"][after] - recording["time"][after - 1]
+    assert apart == pytest.approx((recording.missed[after] + 1) * recording.period)
+
+
 def test_rounded_stamps_are_straightened(tmp_path: Path) -> None:
     time = 1.6e-3 * np.arange(2000)
     columns = sampled_at(time)

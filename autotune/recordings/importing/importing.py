@@ -269,11 +269,13 @@ def _segments(
     parts = []
     for stretch in file.stretches:
         label, repeat = _label(_name(file, stretch, options), number, stretch, seen, options)
+        lost = stretch.missed
         if abs(file.period / period - 1.0) > 1e-6:
             stretch = resampled(stretch, period)
+            lost = round((lost + 1) * file.period / period) - 1 if lost else 0
         columns = {name: values for name, values in stretch.columns.items() if name not in (TARGET, REPEAT)}
         missed = np.zeros(len(stretch), dtype=np.int64)
-        missed[0] = stretch.missed
+        missed[0] = lost
         parts.append(Recording.from_columns(columns, metadata, label, repeat, missed))
     return parts
 
