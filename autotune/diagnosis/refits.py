@@ -34,7 +34,7 @@ from autotune.estimation.disturbance_estimate import (
     with_expected_noise,
 )
 from autotune.estimation.least_squares import Fitted, Free, covariance, followed
-from autotune.estimation.model_error import told_beside
+from autotune.estimation.model_error import told_beside, with_misfit
 from autotune.estimation.problem import Problem, base_free, refit
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind, Terms
@@ -393,8 +393,10 @@ def _shaken_best(problem: Problem, model_fit: ModelFit) -> Problem:
 
 
 def _shaken_by(problem: Problem, disturbance: Disturbance, packed: Packed) -> Problem:
-    """The problem with another disturbance, and what counts and noise make of the twin with it."""
+    """The problem with another disturbance, what counts and noise make of the twin with it, and what its law leaves."""
     again = replace(problem, disturbance=disturbance)
+    if problem.misfit is not None:
+        again = with_misfit(again)
     if problem.by_counts is not None:
         again = with_counts(again, packed)
     return with_expected_noise(again, packed)

@@ -65,6 +65,7 @@ from autotune.estimation.cross_validation import (
     gain_and_z,
 )
 from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.model_error import with_misfit
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
@@ -198,6 +199,8 @@ class SearchState:
 
         All is as it was where its twin is unstable so. Rivals whose twins are have nothing to be compared by.
         """
+        if problem.misfit is not None:  # of the law and the torque before
+            problem = with_misfit(problem)
         own = best.model_fit.effects
         rivals = [item for item in self.tried if item.model_fit.effects != own]
         root, (after, *moved) = fitted_again(problem, self.root, [best, *rivals])
@@ -332,8 +335,9 @@ def _looped_anew(state: SearchState, best: FittedCandidate) -> bool:
     if state.chosen is None:
         state.problem, state.root = found
         return True
+    before = state.problem
     state.chosen = state.moved(found[0], state.chosen)
-    return state.problem is found[0]
+    return state.problem is not before
 
 
 def otherwise(state: SearchState, before: ModelFit, loaded: ModelFit) -> tuple[Problem, ModelFit] | None:

@@ -505,8 +505,9 @@ def _loaded_by_the_loop(state: SearchState) -> bool:
     found = otherwise(state, less.model_fit, chosen.model_fit) if less is not None else None
     if less is None or found is None:
         return False
+    before = state.problem
     bare = state.moved(found[0], replace(less, model_fit=found[1]))
-    if state.problem is not found[0]:
+    if state.problem is before:
         return False
     state.chosen = bare
     return True
@@ -582,8 +583,8 @@ def _without_chains_lag(state: SearchState) -> None:
     if less is None or again is state.problem:
         return
     before = state.problem, state.root, state.tried
-    bare = state.moved(again, less)
-    if state.problem is again and bare.model_fit.fitted.cost <= LEVEL_GROUND * chosen.model_fit.fitted.cost:
+    bare, least = state.moved(again, less), LEVEL_GROUND * chosen.model_fit.fitted.cost
+    if state.problem is not before[0] and bare.model_fit.fitted.cost <= least:
         state.chosen = bare
     else:
         state.problem, state.root, state.tried = before

@@ -23,8 +23,12 @@ def item(*effects: str, left: float = 1.0, **others: float) -> Item:
     return Item(effects[-1], fit, **others)
 
 
+def problem_of(**others: Any) -> SimpleNamespace:
+    return SimpleNamespace(**{"policy": POLICY, "misfit": None, **others})
+
+
 def state_of(chosen: Item | None, tried: tuple[Item, ...], monkeypatch: pytest.MonkeyPatch) -> SearchState:
-    problem, evidence = SimpleNamespace(policy=POLICY), SimpleNamespace(repeats=True)
+    problem, evidence = problem_of(), SimpleNamespace(repeats=True)
     for module in (settling, search):
         monkeypatch.setattr(module, "error_left", lambda _, fit: fit.left)
     given: Any = (problem, SimpleNamespace(), None, no_progress, evidence)
@@ -61,7 +65,7 @@ def test_a_rival_of_a_later_round_is_called_by_what_is_new_in_it(monkeypatch: py
         asked.append((effect, rival.effect))
 
     monkeypatch.setattr(backward, "in_place_of", in_place_of)
-    given: Any = (SimpleNamespace(policy=POLICY), None, None, no_progress)
+    given: Any = (problem_of(), None, None, no_progress)
     chosen = item("spring", "stribeck", "thermal_drift")
     Backward(*given)._in_place(chosen, item("gravity_imbalance", "stribeck"))
     assert asked == [("spring", "gravity_imbalance")]
@@ -88,7 +92,7 @@ def test_what_a_rival_left_of_an_earlier_torque_does_not_rule_it_out(
     monkeypatch.setattr(Backward, "_of_these_data", lambda *_: now)
     monkeypatch.setattr(backward, "fit_inside_twin", lambda *_: rival.model_fit)
     monkeypatch.setattr(backward, "judged", lambda *_: rival)
-    given: Any = (SimpleNamespace(policy=POLICY), None, None, no_progress)
+    given: Any = (problem_of(), None, None, no_progress)
     assert (Backward(*given)._in_place(chosen, rival) is rival) is asked
 
 
@@ -132,7 +136,7 @@ def test_what_is_unstable_where_the_torque_was_moved_stays_where_it_was(
     """It was compared there by what it leaves of another torque, and was as good as before."""
     best, rival = item("spring"), item("stribeck")
     state = state_of(None, (best, rival), monkeypatch)
-    before, again = (state.problem, state.root, state.tried), SimpleNamespace(policy=POLICY)
+    before, again = (state.problem, state.root, state.tried), problem_of()
 
     def unstable(*effects: str) -> None:
         twins = {"spring", "stribeck"} - set(effects)
@@ -151,6 +155,16 @@ def test_what_is_unstable_where_the_torque_was_moved_stays_where_it_was(
     assert [one.effect for one in state.tried] == ["spring"], "a rival without a twin is none there"
 
 
+def test_what_a_law_leaves_is_that_of_the_torque_as_it_was_moved(monkeypatch: pytest.MonkeyPatch) -> None:
+    state = state_of(None, (), monkeypatch)
+    monkeypatch.setattr(rounds, "with_misfit", lambda one: problem_of(misfit=f"{one.misfit} again"))
+    monkeypatch.setattr(rounds, "fitted_again", lambda _, __, items: ("root", items))
+    state.moved(problem_of(), item("spring"))
+    assert state.problem.misfit is None, "where it leaves nothing it still does"
+    state.moved(problem_of(misfit="told"), item("spring"))
+    assert state.problem.misfit == "told again"
+
+
 def test_all_that_was_tried_is_compared_where_the_torque_was_moved_to(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -164,7 +178,7 @@ def test_all_that_was_tried_is_compared_where_the_torque_was_moved_to(
     )
     for best in (item("spring", left=2.0), item("stribeck", "spring", left=2.0)):
         state.tried = list(tried)
-        assert state.moved(SimpleNamespace(policy=POLICY), best).model_fit.left == 1.0
+        assert state.moved(problem_of(), best).model_fit.left == 1.0
         assert [(one.effect, one.model_fit.left) for one in state.tried] == [
             ("spring", 1.0),
             ("stribeck", 1.0),
@@ -173,7 +187,7 @@ def test_all_that_was_tried_is_compared_where_the_torque_was_moved_to(
 
 def test_cycles_in_the_place_of_a_lag_move_what_was_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     state = state_of(item("spring", "torque_lag"), (item("spring"), item("stribeck")), monkeypatch)
-    state.problem.twin, again = True, SimpleNamespace(policy=POLICY)
+    state.problem.twin, again = True, problem_of()
     state.chosen.model_fit.fitted.cost = 1.0
     bare = item("spring").model_fit
     bare.fitted.cost = 0.5
