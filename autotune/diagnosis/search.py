@@ -93,7 +93,8 @@ class Found:
         chosen: the model with all effects that were found; None where there are none.
         first: all candidates beside the root; `tried`: the best of them, fitted inside the twin.
         generic: gain of free functions of each coordinate.
-        freed: effects whose course is free, as their law differs; whether their own law would have named them too.
+        freed: effects, and rivals of them, whose course is free, as their law differs; whether their own law would have
+            named them too.
         presliding: elements that the root has for a presliding of its own, as they were found.
         sliding: the problem where that contact slides, whatever its law; None where nothing depends on it.
         base: sentences on laws of the base that the root has and the model that was given has not.
@@ -177,7 +178,7 @@ def _found_so_far(state: SearchState) -> Found:
 def _in_state(state: SearchState) -> Found:
     """What a search holds."""
     seen = (state.problem, state.root, state.chosen, state.first, state.tried, state.generic)
-    return Found(*seen, state.still_freed(), unloaded=state.unloaded)
+    return Found(*seen, {**state.freed}, unloaded=state.unloaded)
 
 
 def _found(state: SearchState) -> Found:
@@ -673,7 +674,7 @@ def _begun_beside(state: SearchState, found: Found) -> Found:
     if chosen is None:
         return beside
     found = replace(beside, problem=again.problem, root=again.root, sliding=sliding)
-    return replace(found, chosen=chosen, freed=again.still_freed())
+    return replace(found, chosen=chosen, freed=again.freed)
 
 
 def _where_it_slides(state: SearchState, found: Found) -> Found:

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autotune.diagnosis import backward, refits, rounds, search, settling
+from autotune.diagnosis import backward, confirmation, refits, rounds, search, settling
 from autotune.diagnosis.backward import Backward
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.rounds import SearchState
+from autotune.estimation.cross_validation import Unseen
 from autotune.estimation.policy import POLICY
 from tests.support.fitted import Item
 
@@ -316,3 +317,17 @@ def _replaced(one: Any, **changes: Any) -> Any:
     if isinstance(one, SimpleNamespace):
         return SimpleNamespace(**{**vars(one), **changes})
     return replace(one, **changes)
+
+
+def test_a_rival_that_is_told_from_what_was_chosen_keeps_its_course(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On another recording the rival errs less; that its course was free was forgotten with the search."""
+    chosen, rival = item("gravity_imbalance"), item("spring")
+    state = state_of(chosen, (chosen, rival), monkeypatch)
+    state.freed = {"spring": False}
+    left = {"gravity_imbalance": 2.0, "spring": 1.0}
+    monkeypatch.setattr(confirmation, "_pieces", lambda _, fit: Unseen(np.full(10, left[fit.effects[0]])))
+    monkeypatch.setattr(confirmation, "without_own_course", lambda *_: [])
+    monkeypatch.setattr(confirmation, "_held_out", lambda *_: SimpleNamespace(lowers=True))
+    found = confirmation.told_apart(search._in_state(state), ("gravity_imbalance", "spring"), [])
+    assert found.chosen is rival
+    assert found.freed == {"spring": False}
