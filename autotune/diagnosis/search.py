@@ -233,7 +233,8 @@ def _found(state: SearchState) -> Found:
 
 def _seek(state: SearchState) -> None:
     """Adds effects to the root, one beside the other, as long as they explain enough."""
-    state.chosen, state.first, state.seen, state.later, state.freed = None, (), [], [], {}
+    state.chosen, state.first, state.tried, state.generic = None, (), (), {}
+    state.seen, state.later, state.freed = [], [], {}
     state.keep()
     _seek_on(state)
 

@@ -331,3 +331,14 @@ def test_a_rival_that_is_told_from_what_was_chosen_keeps_its_course(monkeypatch:
     found = confirmation.told_apart(search._in_state(state), ("gravity_imbalance", "spring"), [])
     assert found.chosen is rival
     assert found.freed == {"spring": False}
+
+
+def test_a_search_that_begins_anew_has_tried_nothing_yet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its time may be up before its first round: what was tried beside another root was told of then."""
+    state = state_of(item("spring"), (item("spring"),), monkeypatch)
+    state.generic, state.later = {"position": 0.5}, [item("stribeck")]
+    monkeypatch.setattr(search, "next_best", lambda *_, **__: None)
+    search._seek(state)
+    for one in (state, state.kept):
+        assert one is not None
+        assert (one.chosen, list(one.tried), one.later, dict(one.generic)) == (None, [], [], {})
