@@ -317,13 +317,19 @@ def test_what_ends_with_the_stretch_at_a_rest_is_no_break_away(
     assert RepeatedProgramme().only_at_rests(problem, lacking, candidate) == only
 
 
-@pytest.mark.parametrize(("hangs", "told"), [(0.0, 0.0), (0.5, 0.5625)])
-def test_how_much_is_left_by_how_loud_a_twin_is_shaken(hangs: float, told: float) -> None:
-    """Between 0.7 and 1.4 of the level, whichever leaves less; without a twin nothing is told."""
+@pytest.mark.parametrize(("hangs", "loudest", "told"), [(0.0, 2.0, 0.0), (0.5, 2.0, 0.5625), (0.0, 1.0, 0.0)])
+def test_how_much_is_left_by_how_loud_a_twin_is_shaken(hangs: float, loudest: float, told: float) -> None:
+    """Between 0.7 and 1.4 of the level, whichever leaves less; without a twin nothing is told, nor by one that is
+    unstable above the `loudest` level, which has no bias.
+    """
     problem = SimpleNamespace(twin=True, disturbance=SimpleNamespace(louder=lambda part: part))
     problem.raw = lambda _: np.ones(8)
     problem.corrections_under = lambda levels, _: [
-        SimpleNamespace(bias=np.full(8, hangs * (level > 1.0) - hangs * (level < 1.0))) for level in levels
+        SimpleNamespace(
+            bias=np.full(8, hangs * (level > 1.0) - hangs * (level < 1.0) - 3.0 * (level > loudest)),
+            stable=level <= loudest,
+        )
+        for level in levels
     ]
     problem.has = lambda role: role == TRAINING  # no veto trajectory
     problem.mean_square = lambda error, _: 0.28125 * float(np.mean(error**2))

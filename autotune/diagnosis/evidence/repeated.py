@@ -336,13 +336,16 @@ def _fall(problem: Problem, before: Floats, after: Floats) -> float:
 
 
 def _told_by_shaking(problem: Problem, model_fit: ModelFit) -> float:
-    """By how much what a model leaves hangs on how loud its twin is shaken, as far as that is not known [(N m)²]."""
+    """By how much what a model leaves hangs on how loud its twin is shaken, as far as that is not known [(N m)²].
+
+    A twin that is unstable, shaken so, tells nothing.
+    """
     if not problem.twin:
         return 0.0
     packed, raw = model_fit.fitted.packed, problem.raw(model_fit.fitted.packed)
     levels = [problem.disturbance.louder(part) for part in (LOUDNESS[0], 1.0, LOUDNESS[-1])]
-    errors = [raw - one.bias for one in problem.corrections_under(levels, packed)]
-    return max(_fall(problem, more, less) for more in errors for less in errors)
+    errors = [raw - one.bias for one in problem.corrections_under(levels, packed) if one.stable]
+    return max((_fall(problem, more, less) for more in errors for less in errors), default=0.0)
 
 
 def _exact(problem: Problem) -> bool:
