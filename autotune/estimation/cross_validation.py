@@ -267,17 +267,18 @@ def _differs(difference: Floats, level: Floats) -> _Differs:
 def _level_between(problem: Problem, error: Floats, column: Floats | None, role: str) -> _Level:
     """By an error and the sensitivity to friction, both of shape (m,); None where that was not fitted.
 
-    One slope for all experiments, where it is no chance. Or each has its own that is half of what differs between its
-    repeats, where these explain twice as much: an axis that warms while the first is played, and hardly after it,
-    differs in none of the others.
+    Of rows that count, as all else that repeats tell. One slope for all experiments, where it is no chance. Or each has
+    its own that is half of what differs between its repeats, where these explain twice as much: an axis that warms
+    while the first is played, and hardly after it, differs in none of the others.
     """
     policy, differences, levels = problem.policy, [], []
     for block in _repeated(problem, role) if column is not None else ():
-        table, level = block.by_repeat(error), block.by_repeat(np.asarray(column))
+        counts = np.all(block.by_repeat(problem.weight) > 0.0, axis=0)
+        table, level = (block.by_repeat(np.asarray(one))[:, counts] for one in (error, column))
         differences.append(np.asarray(table[-1] - table[0]))
         levels.append(np.asarray(0.5 * (level[-1] + level[0])))
-    if not differences:
-        return _Level((), 0.0, 0.0)
+    if not any(len(level) for level in levels):
+        return _Level((0.0,) * len(levels), 0.0, 0.0)
 
     def variance(slopes: Sequence[float]) -> float:
         power = sum(slope**2 * float(level @ level) for slope, level in zip(slopes, levels, strict=True))

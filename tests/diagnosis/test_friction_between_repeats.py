@@ -24,7 +24,9 @@ def _variance(error: Floats, _: str) -> float:
     return float(np.mean([block.by_repeat(error).var(axis=0, ddof=1).mean() for block in BLOCKS]))
 
 
-PROBLEM = SimpleNamespace(policy=POLICY, data=SimpleNamespace(blocks=BLOCKS), noise_variance=_variance)
+PROBLEM = SimpleNamespace(
+    policy=POLICY, data=SimpleNamespace(blocks=BLOCKS), noise_variance=_variance, weight=np.ones(len(COLUMN))
+)
 
 
 def _drifting(levels: tuple[float, ...]) -> Floats:
@@ -50,6 +52,21 @@ def test_what_differs_between_repeats_is_told_of_each_experiment(levels: tuple[f
     assert found.slopes == pytest.approx(levels, abs=0.006)
     assert found.variance == pytest.approx(0.25 * np.mean(np.square(levels)), rel=0.1)
     assert _of_drift(PROBLEM, error, COLUMN, TRAINING) == pytest.approx(2.0 * found.variance, rel=0.1)
+
+
+def test_rows_that_do_not_count_tell_of_no_level() -> None:
+    """Beside another law of presliding those after reversals do not, and have a level of their own."""
+    error = _noise()
+    apart = np.zeros(len(COLUMN), dtype=np.bool_)
+    for block in BLOCKS:
+        block.by_repeat(apart)[:, : COUNT // 2] = True
+        table = block.by_repeat(COLUMN)
+        block.by_repeat(error)[1, : COUNT // 2] += 0.2 * table[1, : COUNT // 2]
+    assert _level_between(PROBLEM, error, COLUMN, TRAINING).variance > 0.0
+    sliding = SimpleNamespace(**vars(PROBLEM) | {"weight": 1.0 - apart})
+    assert _level_between(sliding, error, COLUMN, TRAINING).variance == 0.0
+    none = SimpleNamespace(**vars(PROBLEM) | {"weight": np.zeros(len(COLUMN))})
+    assert _level_between(none, error, COLUMN, TRAINING).slopes == (0.0,) * EXPERIMENTS
 
 
 def test_a_level_of_noise_is_none() -> None:
