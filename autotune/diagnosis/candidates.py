@@ -200,6 +200,12 @@ def plainer(
     return next((item for item in ends if error_left(problem, item.model_fit) < as_much), best)
 
 
+def exchanged_for(chosen: FittedCandidate, item: FittedCandidate) -> tuple[set[str], set[str]]:
+    """Effects that a fit lacks of those of another one, and those that it has in their place."""
+    own, others = set(chosen.model_fit.effects), set(item.model_fit.effects)
+    return own - others, others - own
+
+
 def is_end_of(item: FittedCandidate, other: FittedCandidate) -> bool:
     """Whether an effect is what another one becomes at an end of its parameters."""
     return other.effect in EFFECTS[item.effect].end_of

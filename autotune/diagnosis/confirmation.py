@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, no_progress
+from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, exchanged_for, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.single import carried_error, chunks_of
@@ -174,8 +174,8 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
     if chosen is None:
         return found
     fits = found.exchanged if len(chosen.model_fit.effects) > 1 else found.tried
-    own = chosen.model_fit.effects
-    near = [item for item in fits if item.effect in rivals and item.model_fit.effects != own]
+    fits = [item for item in fits if all(len(part) == 1 for part in exchanged_for(chosen, item))]
+    near = [item for item in fits if item.effect in rivals]
     if not near:
         return found
     errors = [(item, _pieces(others, item.model_fit)) for item in (chosen, *near)]

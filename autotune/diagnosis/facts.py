@@ -11,6 +11,7 @@ from autotune.diagnosis.candidates import (
     FittedCandidate,
     ScreenedCandidate,
     again_explained,
+    exchanged_for,
     explained_of_rest,
     is_end_of,
 )
@@ -675,11 +676,11 @@ def _rivals_beside(
     """Effects that explain as much as one of several does beside the others, of what it explains beyond them."""
     near: list[str] = []
     for item in exchanged:
-        own = set(chosen.model_fit.effects) - set(item.model_fit.effects)
-        if len(own) != 1:  # what was chosen is another set since
+        own, new = exchanged_for(chosen, item)
+        if len(own) != 1 or len(new) != 1:  # what was chosen is another set since
             continue
         others = without_effect(problem, root, chosen.model_fit, own.pop())
         before = others.model_fit if others is not None else root
         if (item.named or not chosen.named) and evidence.comes_near(problem, before, chosen, item):
-            near += set(item.model_fit.effects) - set(chosen.model_fit.effects)
+            near += new
     return list(dict.fromkeys(near))

@@ -342,3 +342,14 @@ def test_a_search_that_begins_anew_has_tried_nothing_yet(monkeypatch: pytest.Mon
     for one in (state, state.kept):
         assert one is not None
         assert (one.chosen, list(one.tried), one.later, dict(one.generic)) == (None, [], [], {})
+
+
+def test_what_was_fitted_beside_an_effect_that_is_refuted_since_is_not_chosen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    chosen, beside = item("thermal_drift", "spring"), item("stribeck", "thermal_drift", "gravity_imbalance")
+    monkeypatch.setattr(confirmation, "_pieces", lambda _, fit: Unseen(np.full(10, 1.0 / len(fit.effects))))
+    monkeypatch.setattr(confirmation, "without_own_course", lambda *_: [])
+    monkeypatch.setattr(confirmation, "_held_out", lambda *_: SimpleNamespace(lowers=True))
+    found = search.Found(problem_of(), None, chosen, (), (), {}, exchanged=[beside])
+    assert confirmation.told_apart(found, ("spring", "gravity_imbalance"), []) is found

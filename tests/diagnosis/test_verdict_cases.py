@@ -766,6 +766,8 @@ def _several(*effects: str, named: bool = True) -> SimpleNamespace:
         (_several("torque_lag", "load_dependent_friction"), False, []),
         (_several("torque_lag", "load_dependent_friction", named=False), True, []),
         (_several("spring", "load_dependent_friction"), True, []),  # another set altogether
+        # beside a third effect, which was refuted since: that is no rival
+        (_several("torque_lag", "stribeck", "load_dependent_friction"), True, []),
     ],
 )
 def test_one_of_several_that_another_explains_as_well_is_ambiguous(
