@@ -240,9 +240,9 @@ def _seek(state: SearchState) -> None:
 
 
 def _seek_on(state: SearchState) -> None:
-    """Adds effects beside what is chosen already."""
-    there = len(state.chosen.model_fit.effects) if state.chosen is not None else 0
-    for _ in range(MOST_EFFECTS - there):
+    """Adds effects beside what is chosen already; another course of one of them is none."""
+    left = MOST_EFFECTS - (len(state.chosen.model_fit.effects) if state.chosen is not None else 0)
+    while left > 0:
         if state.chosen is not None and state.chosen.named and not state.more_to_explain(state.model_fit):
             break
         _drop_laws(state, only_where_less_is_left=True)
@@ -252,6 +252,7 @@ def _seek_on(state: SearchState) -> None:
         state.keep(best)
         if not _shaped_instead(state, best):
             take(state, best)
+            left -= 1
         state.keep()
 
 

@@ -353,3 +353,21 @@ def test_what_was_fitted_beside_an_effect_that_is_refuted_since_is_not_chosen(
     monkeypatch.setattr(confirmation, "_held_out", lambda *_: SimpleNamespace(lowers=True))
     found = search.Found(problem_of(), None, chosen, (), (), {}, exchanged=[beside])
     assert confirmation.told_apart(found, ("spring", "gravity_imbalance"), []) is found
+
+
+def test_a_course_of_the_first_effect_takes_the_place_of_no_further_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    state = state_of(None, (), monkeypatch)
+    pair = item("spring", "stribeck")
+    found = [item("spring"), pair, pair, item("spring", "stribeck", "thermal_drift")]
+    shaped = iter([False, True, False, False])
+    monkeypatch.setattr(search, "next_best", lambda *_, **__: found.pop(0) if found else None)
+    monkeypatch.setattr(search, "_drop_laws", lambda *_, **__: None)
+    monkeypatch.setattr(search, "_shaped_instead", lambda *_: next(shaped))
+    monkeypatch.setattr(search, "take", lambda state, best: setattr(state, "chosen", best))
+    monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: True)
+    search._seek(state)
+    assert state.chosen is not None
+    assert state.chosen.model_fit.effects == ("spring", "stribeck", "thermal_drift")
+    assert found == []
