@@ -231,9 +231,10 @@ class Problem:
 
         A disturbance that wanders over tens of seconds is one number in each repeat. The product of two of them is
         then a single draw with this for its standard deviation, however many seconds there are. By the median, so that
-        one experiment that counts make chaotic says nothing of the others.
+        one experiment that counts make chaotic says nothing of the others; nor do those of which no row counts.
         """
-        means = [self._compared(block, error).mean(axis=1) for block in self.data.blocks if block.repeats > 1]
+        repeated = [block for block in self.data.blocks if block.repeats > 1 and self._counts(block)]
+        means = [self._compared(block, error).mean(axis=1) for block in repeated]
         return float(np.median([one.var(ddof=1) for one in means])) / MEDIAN_OF_ONE if means else 0.0
 
     def _repeatable_chunks(self, error: Floats, correction: Correction, role: str) -> list[Floats]:

@@ -503,9 +503,15 @@ def test_what_wanders_over_an_experiment_is_one_number_in_each_repeat(
     error = random.standard_normal(8000) + np.repeat(level * random.standard_normal(80), 100)
     error[:100] += chaotic
     problem = SimpleNamespace(
-        data=SimpleNamespace(blocks=blocks), _compared=lambda block, values: block.by_repeat(values)
+        data=SimpleNamespace(blocks=blocks),
+        _compared=lambda block, values: block.by_repeat(values),
+        _counts=lambda _: True,
     )
     assert Problem._wanders(problem, error) == pytest.approx(told, rel=0.4)
+    # where no row of most of them counts, these tell nothing
+    problem._counts = lambda block: block.start < 3000
+    problem._compared = lambda block, values: block.by_repeat(values) * problem._counts(block)
+    assert Problem._wanders(problem, error) == pytest.approx(told, rel=0.6)
     rows = np.column_stack([1.0 + 0.1 * random.standard_normal(9), np.ones(9)])
     problem = SimpleNamespace(_repeatable_chunks=lambda *_: [rows], _wanders=lambda _: told)
     assert Problem.repeatable(problem, error, None, "training")[1] == pytest.approx(
