@@ -73,8 +73,9 @@ FASTEST = 25.0
 MOST_ANSWER, FINER, MOST_SET_POINTS = 6, 3, 2
 """Ticks of `TICK` by which an answer may be late, how much finer it is found at last, and samples by which set points
 may be less late then."""
-A_LINE = 0.25
-"""Rows by which a rate that is fed forward makes a held reference move at most: a line is half a row beside it."""
+A_LINE, MOST_SUMMED = 0.25, 0.75
+"""Rows by which a rate that is fed forward makes a held reference move at most: a line is half a row beside it; and by
+which one that is summed does, where it is read at the row's end: a line is a row beside it."""
 AS_MUCH = 1.1
 """Times the share that another law leaves: as much, within what counts and rounding make."""
 
@@ -211,8 +212,21 @@ def holding(samples: LoopSamples, law: PositionController) -> tuple[PositionCont
         rate = best.filter_rate(samples.period)
         found.append(whole.law(_feeding_least(coarse.laws(best, rate, late), samples.period), rate))
     most = AS_MUCH * (1.0 - max(law.explained, *(one.explained for one in found)))
-    steps = [one for one in found if abs(one.velocity_feedforward) < A_LINE * one.kp * samples.period]
+    steps = [one for law in found if (one := _as_fed(law, samples.period)) is not None]
     return tuple(_said(one, samples) for one in steps if _tells(one, samples) and 1.0 - one.explained <= most)
+
+
+def _as_fed(law: PositionController, period: float) -> PositionController | None:
+    """A law on held set points as it feeds their rate forward: not at all, or as much as it damps; None if neither.
+
+    The sum of a cascade's velocity loop has a rate that comes with each set point as well: by it the reference goes on
+    a line, for the part of the gain that sums it. Read before the next set point that part is at the line's end.
+    """
+    rows = _fed_beside(law) / (law.kp * period)
+    summed = (law.velocity_feedforward - law.kd) / (law.kp * period)
+    if law.taken == EVE and A_LINE <= summed < MOST_SUMMED:
+        return replace(law, rate_grows=summed * law.kp * period / law.velocity_feedforward)
+    return law if rows < A_LINE else None
 
 
 def _feeding_least(laws: Sequence[PositionController], period: float) -> PositionController:
@@ -222,9 +236,12 @@ def _feeding_least(laws: Sequence[PositionController], period: float) -> Positio
     """
     most = (1.0 - max(law.explained for law in laws)) * HARDLY_MORE
     near = [law for law in laws if 1.0 - law.explained <= most]
-    return min(
-        near, key=lambda law: abs(law.velocity_feedforward) + abs(law.acceleration_feedforward) / period
-    )
+    return min(near, key=lambda law: _fed_beside(law) + abs(law.acceleration_feedforward) / period)
+
+
+def _fed_beside(law: PositionController) -> float:
+    """Rate of a held reference that is fed forward beside none of it, or all that is damped [N m s/rad]."""
+    return min(abs(law.velocity_feedforward), abs(law.velocity_feedforward - law.kd))
 
 
 def read_before_steps(samples: LoopSamples, law: PositionController) -> tuple[PositionController, ...]:

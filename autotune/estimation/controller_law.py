@@ -79,7 +79,8 @@ class PositionController:
             same. `cubic`: its reference is on cubics between them, else on straight lines. `smooth`: what it feeds
             forward of rate and acceleration is that of the set points, as where a planner gives them with their rates,
             and on straight lines between them; else it is that of the step to each, and held. `held`: its reference
-            is no line, but stays at each set point until the next.
+            is no line, but stays at each set point until the next. `rate_grows`: share of the rate fed forward then
+            that comes while it stays, as where the loop sums that rate; all of it is there as it is read.
         own_ticks: times that the drive's loop works, where that of its twin takes fewer, `ticks`; 0 where it does not.
         taken: how the torque of such a law was recorded, one of `TAKEN`.
         answer_delay: samples by which the torque of such a law answers late to all that it sees: what its loop takes to
@@ -120,6 +121,7 @@ class PositionController:
     cubic: bool = False
     smooth: bool = False
     held: bool = False
+    rate_grows: float = 0.0
     taken: str = "next"
     answer_delay: float = 0.0
     stepped: bool = False
@@ -135,6 +137,11 @@ class PositionController:
     def usable(self) -> bool:
         """Whether it may drive a twin."""
         return self.source != "none"
+
+    @property
+    def feeds_rate(self) -> bool:
+        """Whether it feeds the rate of what it holds forward, and not just what makes up for a delay."""
+        return self.velocity_feedforward > 0.5 * self.kd
 
     @property
     def within(self) -> bool:
@@ -262,7 +269,9 @@ class PositionController:
     def rate_of(self, reference: Floats, fine: Floats, period: float) -> Floats:
         """Its rate there, `fine` the reference itself; where that stays at each set point, of the last step."""
         if self.held:
-            return np.repeat(np.diff(reference, prepend=reference[:1]) / period, self.ticks)
+            steps = np.diff(reference, prepend=reference[:1]) / period
+            tick = np.arange(1.0, self.ticks + 1.0) / self.ticks
+            return np.outer(steps, 1.0 - self.rate_grows * (1.0 - tick)).ravel()
         return rate_between(reference, fine, period, self.ticks, self.smooth)
 
     @property

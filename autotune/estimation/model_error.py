@@ -340,12 +340,13 @@ def _handicap(law: PositionController) -> float:
     """Times what the twin of a law leaves, beside those of others.
 
     One of another torque has another noise; what explains every row needs no more than chance beside it. Most drives
-    interpolate: one that does not must leave clearly less, and not by chance.
+    interpolate: one that does not must leave clearly less, and not by chance. One that feeds the rate of what it holds
+    forward besides looks as one on lines that are a part of a row late: it must leave far less.
     """
     if law.demanded:
         return AS_MUCH
     if law.held:
-        return 1.0 / CLEARLY_LESS
+        return FAR if law.feeds_rate else 1.0 / CLEARLY_LESS
     return CLEARLY_LESS if law.exact else 1.0
 
 

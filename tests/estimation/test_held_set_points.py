@@ -41,9 +41,13 @@ ON_ERRORS = replace(
 
 
 def of_a_drive(
-    taken: str, held: bool = True, reference_rate: float = 0.0
+    taken: str, held: bool = True, reference_rate: float = 0.0, fed: float = 0.0, summed: float = 0.0
 ) -> tuple[Prepared, LoopSamples, Floats]:
-    """What such a drive makes of a multisine, its torque read as `taken`; and the mean that acted in each row."""
+    """What such a drive makes of a multisine, its torque read as `taken`; and the mean that acted in each row.
+
+    `fed`: on the rate that comes with each set point [N m s/rad]; `summed`: on the way by which that rate goes on until
+    the next, as the sum of a velocity loop has it [N m/rad].
+    """
     time = np.arange(round(8.0 / ROW)) * ROW
     tones = [np.sin(2.0 * np.pi * f * time + f) / f for f in (0.5, 1.1, 2.3, 4.9, 9.7)]
     wanted = 2.0 * np.sum(tones, axis=0) * np.minimum(time / 0.5, 1.0) ** 2
@@ -51,7 +55,10 @@ def of_a_drive(
     fine = np.repeat(wanted, TICKS) if held else np.interp(ticks, np.arange(len(wanted)), wanted)
     shaken = np.random.default_rng(4).normal(0.0, 1e-4, len(fine))
     law = replace(CASCADE, reference_rate=reference_rate)
-    axis = followed(fine, shaken, law, base_model(AXIS), None, ROW / TICKS)
+    steps = np.diff(wanted, append=wanted[-1])
+    ways = np.outer(steps, np.arange(1.0, TICKS + 1.0) / TICKS)
+    added = (fed * steps[:, None] / ROW + summed * ways).ravel()
+    axis = followed(fine, shaken, law, base_model(AXIS), None, ROW / TICKS, added)
     table = axis["torque"].reshape(-1, TICKS)
     read = {"moment": table[:, 0], "eve": np.roll(table[:, -1], 1), "next": table.mean(axis=1)}[taken]
     data = prepare([_rows(wanted, axis["position"][::TICKS], read)])
@@ -94,6 +101,23 @@ def test_a_drive_that_holds_its_set_points_is_among_its_laws_and_acts_as_it_did(
         assert recorded_late_by(law) == 0.0
     means = (asked(data, law) - acted)[rows]
     assert np.std(means - means.mean()) < 0.1 * np.std(acted[rows])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("summed", [0.0, 3.0], ids=["damped alone", "summed too"])
+def test_a_drive_that_feeds_the_rate_of_what_it_holds_forward_is_among_its_laws(summed: float) -> None:
+    """Read before the next set point, what the sum of a cascade has of that rate is at its end: it acts by half."""
+    data, samples, acted = of_a_drive("eve", fed=CASCADE.kd, summed=summed)
+    plain = laws_between(samples, PositionController(explained=0.5))[0]
+    law = next(one for one in holding(samples, plain) if one.taken == "eve")
+    assert law.held
+    assert law.feeds_rate
+    assert law.rate_grows * law.velocity_feedforward == pytest.approx(
+        summed * ROW, abs=0.1 * CASCADE.kp * ROW
+    )
+    rows = slice(200, -50)
+    off = [np.std((as_recorded(data, one).torque - acted)[rows]) for one in (law, plain)]
+    assert off[0] < 0.3 * off[1]
 
 
 @pytest.mark.slow
