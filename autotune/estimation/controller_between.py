@@ -222,11 +222,11 @@ def _as_fed(law: PositionController, period: float) -> PositionController | None
     The sum of a cascade's velocity loop has a rate that comes with each set point as well: by it the reference goes on
     a line, for the part of the gain that sums it. Read before the next set point that part is at the line's end.
     """
-    rows = _fed_beside(law) / (law.kp * period)
-    summed = (law.velocity_feedforward - law.kd) / (law.kp * period)
-    if law.taken == EVE and A_LINE <= summed < MOST_SUMMED:
-        return replace(law, rate_grows=summed * law.kp * period / law.velocity_feedforward)
-    return law if rows < A_LINE else None
+    a_row = law.kp * period
+    summed = law.velocity_feedforward - law.kd
+    if law.taken == EVE and law.kd > 0.0 and A_LINE * a_row <= summed < MOST_SUMMED * a_row:
+        return replace(law, rate_grows=summed / law.velocity_feedforward)
+    return law if _fed_beside(law) < A_LINE * a_row else None
 
 
 def _feeding_least(laws: Sequence[PositionController], period: float) -> PositionController:
