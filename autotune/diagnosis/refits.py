@@ -34,7 +34,7 @@ from autotune.estimation.disturbance_estimate import (
     with_expected_noise,
 )
 from autotune.estimation.least_squares import Fitted, Free, covariance, followed
-from autotune.estimation.model_error import told_beside, with_misfit
+from autotune.estimation.model_error import told_beside, with_misfit_again
 from autotune.estimation.problem import Problem, base_free, refit
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind, Terms
@@ -104,7 +104,7 @@ def judged(
     problem: Problem, root: ModelFit, settled: ModelFit, effect: str, model_fit: ModelFit | None = None
 ) -> FittedCandidate:
     """What a settled model explains; the gain counts from `model_fit`, or from the root."""
-    gain = gain_beside(problem, model_fit or root, settled)
+    gain = _gain_beside(problem, model_fit or root, settled)
     parts = [
         explained(problem, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
     ]
@@ -113,11 +113,18 @@ def judged(
     return replace(found, named=found.share >= needed_share(problem, found))
 
 
-def gain_beside(problem: Problem, before: ModelFit, settled: ModelFit) -> float:
+def _gain_beside(problem: Problem, before: ModelFit, settled: ModelFit) -> float:
     """Fall of the error on data that were not fitted, from a model to a settled one; see `gain_on_veto`."""
     if has_load(settled.fitted.packed.on) and problem.has_veto:
         return gain_on_veto(problem, before, settled)
     return gain_and_z(before.unseen, settled.unseen)[0]
+
+
+def counted_beside(
+    problem: Problem, before: ModelFit, best: FittedCandidate, led: FittedCandidate
+) -> FittedCandidate:
+    """A further effect that was led on from the best; its gain is from the model before it, and not from the root."""
+    return replace(led, gain=max(best.gain, _gain_beside(problem, before, led.model_fit)))
 
 
 def needed_share(problem: Problem, found: FittedCandidate) -> float:
@@ -248,9 +255,8 @@ def best_refined(
     """
     if not NEARLY < best.share < REFINED:
         return list(fits)
-    done = refined(problem, root, best, progress)
-    gain = gain_beside(problem, before, done.model_fit)
-    done = replace(done, effect=best.effect, gain=max(best.gain, gain))
+    done = counted_beside(problem, before, best, refined(problem, root, best, progress))
+    done = replace(done, effect=best.effect)
     return [done if one is best else one for one in fits]
 
 
@@ -394,9 +400,7 @@ def _shaken_best(problem: Problem, model_fit: ModelFit) -> Problem:
 
 def _shaken_by(problem: Problem, disturbance: Disturbance, packed: Packed) -> Problem:
     """The problem with another disturbance, what counts and noise make of the twin with it, and what its law leaves."""
-    again = replace(problem, disturbance=disturbance)
-    if problem.misfit is not None:
-        again = with_misfit(again)
+    again = with_misfit_again(replace(problem, disturbance=disturbance))
     if problem.by_counts is not None:
         again = with_counts(again, packed)
     return with_expected_noise(again, packed)

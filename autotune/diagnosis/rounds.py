@@ -38,8 +38,8 @@ from autotune.diagnosis.free_shape import with_free_shape
 from autotune.diagnosis.refits import (
     RIVAL_COST,
     best_refined,
+    counted_beside,
     fitted_again,
-    gain_beside,
     inside_twin,
     judged,
     looped_otherwise,
@@ -65,7 +65,7 @@ from autotune.estimation.cross_validation import (
     gain_and_z,
 )
 from autotune.estimation.data import TRAINING, VETO
-from autotune.estimation.model_error import with_misfit
+from autotune.estimation.model_error import with_misfit_again
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
@@ -199,8 +199,7 @@ class SearchState:
 
         All is as it was where its twin is unstable so. Rivals whose twins are have nothing to be compared by.
         """
-        if problem.misfit is not None:  # of the law and the torque before
-            problem = with_misfit(problem)
+        problem = with_misfit_again(problem)
         own = best.model_fit.effects
         rivals = [item for item in self.tried if item.model_fit.effects != own]
         root, (after, *moved) = fitted_again(problem, self.root, [best, *rivals])
@@ -584,15 +583,10 @@ def _worth_at_its_best(state: SearchState, best: FittedCandidate) -> FittedCandi
         return None
     led = _masses_at_their_best(state, best)
     if led is not best:
-        led = _counted_beside(state, best, led)
+        led = counted_beside(state.problem, state.model_fit, best, led)
         if state.worth_having(led):
             return led
     return _worth_by_its_course(state, led)
-
-
-def _counted_beside(state: SearchState, best: FittedCandidate, led: FittedCandidate) -> FittedCandidate:
-    """A further effect that was led on, its gain from what is chosen already: `refined` counts it from the root."""
-    return replace(led, gain=max(best.gain, gain_beside(state.problem, state.model_fit, led.model_fit)))
 
 
 def _masses_at_their_best(state: SearchState, best: FittedCandidate) -> FittedCandidate:
@@ -632,7 +626,7 @@ def _worth_by_its_course(state: SearchState, best: FittedCandidate) -> FittedCan
         return _both_by_their_courses(state, shaped or best)
     parts = explained_of_rest(problem, before, shaped.model_fit)
     told = all(part.share >= problem.policy.named for part in parts)
-    shaped = _counted_beside(state, best, shaped)
+    shaped = counted_beside(problem, before, best, shaped)
     return shaped if told and state.worth_having(shaped) else None
 
 
@@ -651,7 +645,7 @@ def _both_by_their_courses(state: SearchState, second: FittedCandidate) -> Fitte
         return None
     both = replace(both, effect=second.effect, gain=second.gain)
     if not both.named and second.effect not in state.freed:
-        both = _counted_beside(state, second, state.shaped(both) or both)
+        both = counted_beside(state.problem, state.model_fit, second, state.shaped(both) or both)
     if not state.worth_having(both):
         state.freed.pop(second.effect, None)
         return None

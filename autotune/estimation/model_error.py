@@ -177,6 +177,11 @@ def with_misfit(problem: Problem) -> Problem:
     return replace(problem, misfit=misfit)
 
 
+def with_misfit_again(problem: Problem) -> Problem:
+    """The same where it was known already: of the law and the torque as they are now."""
+    return problem if problem.misfit is None else with_misfit(problem)
+
+
 def told_by_twin(
     data: Prepared, laws: Sequence[PositionController], model: Packed, policy: Policy = POLICY
 ) -> tuple[PositionController, Disturbance]:

@@ -13,6 +13,7 @@ from autotune.diagnosis import backward, confirmation, refits, rounds, search, s
 from autotune.diagnosis.backward import Backward
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.rounds import SearchState
+from autotune.estimation import model_error
 from autotune.estimation.cross_validation import Unseen
 from autotune.estimation.policy import POLICY
 from tests.support.fitted import Item
@@ -127,7 +128,7 @@ def test_the_others_of_a_round_stay_beside_the_best_that_was_refined(monkeypatch
     done = item("torque_lag", share=0.95)
     monkeypatch.setattr(refits, "refined", lambda *_: done)
     monkeypatch.setattr(refits, "replace", lambda one, **_: one)
-    monkeypatch.setattr(refits, "gain_beside", lambda *_: 0.0)
+    monkeypatch.setattr(refits, "_gain_beside", lambda *_: 0.0)
     assert refits.best_refined(None, None, None, fits, fits[0], no_progress) == [done, fits[1]]
 
 
@@ -158,7 +159,7 @@ def test_what_is_unstable_where_the_torque_was_moved_stays_where_it_was(
 
 def test_what_a_law_leaves_is_that_of_the_torque_as_it_was_moved(monkeypatch: pytest.MonkeyPatch) -> None:
     state = state_of(None, (), monkeypatch)
-    monkeypatch.setattr(rounds, "with_misfit", lambda one: problem_of(misfit=f"{one.misfit} again"))
+    monkeypatch.setattr(model_error, "with_misfit", lambda one: problem_of(misfit=f"{one.misfit} again"))
     monkeypatch.setattr(rounds, "fitted_again", lambda _, __, items: ("root", items))
     state.moved(problem_of(), item("spring"))
     assert state.problem.misfit is None, "where it leaves nothing it still does"
