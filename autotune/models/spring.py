@@ -5,6 +5,7 @@ One that is not straight is a sum of ramps beside it, `ramp_1` … over equal pa
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -46,10 +47,10 @@ def free_shape(c: StartContext) -> StartValues:
     values = {"from": low - 0.5 * step, "step": step}
     ramps = {f"ramp_{i}": 0.0 for i in range(1, RAMPS + 1)}
     pulls = c.p[_AT] >= 0.0
-    vary = Vary(0.1 * c.coulomb, lower=0.0) if pulls else Vary(0.1 * c.coulomb, upper=0.0)
-    straight = {"stiffness": Vary(c.coulomb / c.travel, lower=0.0 if pulls else -1e9)}
+    one_way = (0.0, math.inf) if pulls else (-math.inf, 0.0)
+    vary, straight = (Vary(one, math.inf, *one_way) for one in (0.1 * c.coulomb, c.coulomb / c.travel))
     raster = {"from": Vary(0.1 * step, 0.3 * step, low - step, low)}
-    return StartValues(values | ramps, straight | raster | dict.fromkeys(ramps, vary))
+    return StartValues(values | ramps, {"stiffness": straight} | raster | dict.fromkeys(ramps, vary))
 
 
 SPRING = Kind(

@@ -31,7 +31,7 @@ from autotune.experiments.record import Recorder, metadata_for, play
 from autotune.experiments.runner import Programme
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed, base_model
-from autotune.models.spring import SPRING
+from autotune.models.spring import RAMPS, SPRING, spring_torque
 from autotune.models.table import EFFECTS
 from autotune.models.total_friction import stiffness_at_rest, total_friction
 from autotune.recordings.recording import Controller, Recording
@@ -125,6 +125,27 @@ def test_a_torque_over_the_place_that_goes_at_rest_is_no_spring(
         assert found.held == pytest.approx(held, abs=0.1)
         assert found.seconds == pytest.approx(seconds, rel=0.5)
         assert "does not hold" in relaxed_note(found.effect, found.held, found.seconds)
+
+
+@pytest.mark.parametrize("pulls", [1.0, -1.0])
+def test_the_free_course_of_a_spring_never_turns_round(pulls: float) -> None:
+    """Of one that pushes, as a weight near its highest place does, the line was free to pull, and with ramps that push
+    it was any function of the place: a whole wave over the travel, too."""
+    p = base_model(dict.fromkeys(layout.BASE, 1.0)).pack().p
+    p[SPRING.slot("stiffness")] = 0.01 * pulls
+    place = np.linspace(-1.0, 1.0, 201)
+    start = SPRING.free_shape(SimpleNamespace(p=p, coulomb=0.3, travel=2.0, position=lambda: place))
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        course = p.copy()
+        for name, value in start.values.items():
+            course[SPRING.slot(name)] = value
+        for name in ("stiffness", *(f"ramp_{i}" for i in range(1, RAMPS + 1))):
+            vary = start.free[name]
+            course[SPRING.slot(name)] = np.clip(rng.normal(), vary.lower, vary.upper)
+        torque = np.array([spring_torque(course, one) for one in place])
+        assert np.all(pulls * np.diff(torque) >= 0.0)
+        assert np.ptp(torque) > 0.0
 
 
 @pytest.mark.parametrize(
