@@ -11,6 +11,7 @@ import numpy as np
 
 from autotune.core.documents import finite
 from autotune.core.tables import frame, html_table
+from autotune.core.units import percent
 from autotune.diagnosis.compare import ClosedLoop, UnseenError
 from autotune.identify.dahl import Complexity
 from autotune.identify.estimate import Estimate
@@ -101,7 +102,7 @@ def summary(result: FitResult) -> str:
     """One or two sentences for the top of a page."""
     relative = result.estimate.relative_error
     parts = [
-        f"The model leaves {100 * relative:.2g} % of the torque unexplained."
+        f"The model leaves {percent(relative)} % of the torque unexplained."
         if math.isfinite(relative)
         else ""
     ]

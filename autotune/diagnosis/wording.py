@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.core.units import torque_symbol
+from autotune.core.units import percent, torque_symbol
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import TimeLine
@@ -57,7 +57,7 @@ HUNTS = (
     "quiet, and record again; play in the drive often is the cause."
 )
 OFFSET = (
-    "A constant of {size:.2g} {unit} acts beside friction, {percent:.2g} % of it: a weight, a cable, an amplifier's "
+    "A constant of {size:.2g} {unit} acts beside friction, {percent} % of it: a weight, a cable, an amplifier's "
     "offset, or friction that is higher one way than the other by twice as much. While an axis slides these are the "
     "same; it is the base model's offset, and no effect that is missing."
 )
@@ -112,7 +112,7 @@ OTHER_CURVE = (
     "fitted freely before anything else was asked."
 )
 NOT_COMPARED = (
-    "Torques are compared up to {hertz:.3g} Hz; {percent:.2g} % of the torque (rms) lies above, and is not "
+    "Torques are compared up to {hertz:.3g} Hz; {percent} % of the torque (rms) lies above, and is not "
     "compared."
 )
 PRESLIDING_REST = (
@@ -210,7 +210,7 @@ ALREADY_THERE = (
     "off, another payload, cold and warm"
 )
 REPEATS_DIFFER = (
-    "Repeats of the same motion differ by {percent:.2g} % of the torque (rms). An axis that sticks and slips or hunts "
+    "Repeats of the same motion differ by {percent} % of the torque (rms). An axis that sticks and slips or hunts "
     "does so, and what is smaller than that cannot be seen here: make the loop calmer, and record again."
 )
 LOUD_REPEATS = 0.05
@@ -414,12 +414,12 @@ def left_out_note(problem: Problem, root: ModelFit) -> tuple[str, ...]:
         return (f"{text}.",)
     torque = math.sqrt(float(np.mean(problem.data.torque[problem.data.grid[out]] ** 2)))
     left = math.sqrt(float(np.mean(root.fitted.error[out] ** 2))) / max(torque, 1e-300)
-    return (f"{text}; there the model leaves {100 * left:.2g} % of the torque (rms).",)
+    return (f"{text}; there the model leaves {percent(left)} % of the torque (rms).",)
 
 
 def repeats_note(apart: float) -> str:
     """What may be missing unseen where repeats differ by so much of the torque (rms); empty where that is ordinary."""
-    return f" {REPEATS_DIFFER.format(percent=100 * apart)}" if apart > LOUD_REPEATS else ""
+    return f" {REPEATS_DIFFER.format(percent=percent(apart))}" if apart > LOUD_REPEATS else ""
 
 
 def nothing_note(
@@ -432,10 +432,10 @@ def nothing_note(
     """Where nothing is missing: the share of the torque that stays unexplained, what stopped the best candidate, and
     where more of the torque than that is not compared at all, how much."""
     share = rms_unexplained(problem, root)
-    text = f"{100 * share:.2g} % of the torque (rms) stay unexplained after refitting"
+    text = f"{percent(share)} % of the torque (rms) stay unexplained after refitting"
     if np.any(problem.weight <= 0.0):
         whole = rms_unexplained(problem, root, problem.data.role(TRAINING))
-        text += f", {100 * whole:.2g} % with the rows that were left out"
+        text += f", {percent(whole)} % with the rows that were left out"
     best = max(first, key=lambda item: item.gain, default=None)
     if best is None or best.gain <= 0.0:
         text += "; no candidate lowers it on unseen experiments."
@@ -446,7 +446,7 @@ def nothing_note(
     above = 0.0 if problem.data.steady else rms_above(problem)
     if above <= share:
         return text
-    return f"{text} {NOT_COMPARED.format(percent=100 * above, hertz=problem.data.cutoff)}"
+    return f"{text} {NOT_COMPARED.format(percent=percent(above), hertz=problem.data.cutoff)}"
 
 
 def nearest(
@@ -603,7 +603,7 @@ def offset_note(packed: Packed, metadata: Metadata) -> str:
     if size <= TOLD_OFFSET * level:
         return ""
     unit = torque_symbol(metadata.motion_unit, metadata.torque_unit)
-    return OFFSET.format(size=size, unit=unit, percent=100.0 * size / level)
+    return OFFSET.format(size=size, unit=unit, percent=percent(size / level))
 
 
 def left_note(problem: Problem, model_fit: ModelFit) -> str:

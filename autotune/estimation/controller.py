@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.remembered import Remembered, digest_of
-from autotune.core.units import torque_symbol
+from autotune.core.units import percent, torque_symbol
 from autotune.estimation.alignment import a_row_sooner, recorded_late, shifted
 from autotune.estimation.controller_between import (
     answering_late,
@@ -814,8 +814,8 @@ def _unexplained(share: float, needed: float) -> str:
 
 def _replaced(named: PositionController, found: PositionController) -> str:
     left = (
-        f"The controller that the file names leaves {100 * (1.0 - named.explained):.2g} % of the torque demand's "
-        f"variance unexplained, the one identified from the data {100 * (1.0 - found.explained):.2g} %; that is used "
+        f"The controller that the file names leaves {percent(1.0 - named.explained)} % of the torque demand's "
+        f"variance unexplained, the one identified from the data {percent(1.0 - found.explained)} %; that is used "
         "instead. "
     )
     if named.derivative_filter < SLOWEST_FILTER:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from autotune.core.errors import ConfigurationError, a_few
+from autotune.core.units import percent
 from autotune.diagnosis import wording
 from autotune.diagnosis.wording import (
     MOST_NAMES,
@@ -287,6 +288,14 @@ def test_an_offset_that_is_a_part_of_friction_is_told_for_what_it_may_be(share: 
     note = offset_note(packed, Metadata(motion_unit="m"))
     assert bool(note) == said
     assert not said or ("2 % of it" in note and "higher one way" in note and " N acts" in note)
+
+
+def test_a_weight_larger_than_friction_is_told_in_percent_without_an_exponent() -> None:
+    """It was "1.7e+02 % of it"."""
+    packed = base_model(NOMINAL | {"offset": 1.66 * NOMINAL["coulomb"]}).pack()
+    assert "166 % of it" in offset_note(packed, Metadata(motion_unit="rad"))
+    told = [percent(share) for share in (0.00012, 0.0166, 0.284, 0.9949, 0.997, 1.66, 12.0)]
+    assert told == ["0.012", "1.7", "28", "99", "100", "166", "1200"]
 
 
 @pytest.mark.parametrize(("left", "said"), [(5.0, "2 times the noise"), (1.9, "")])

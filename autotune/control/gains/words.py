@@ -13,7 +13,7 @@ from autotune.control.gains.propose import Proposal
 from autotune.control.gains.requirements import Requirements
 from autotune.control.gains.routh import passivity_margin, pid_conditions
 from autotune.control.gains.steps import HORIZON
-from autotune.core.units import damping_symbol, torque_symbol
+from autotune.core.units import damping_symbol, percent, torque_symbol
 
 TODAY = "Today's gains"
 HARDLY = 1.1
@@ -180,8 +180,8 @@ def _settles(verdict: Verdict) -> str:
 
 def _count(kin: Family, verdict: Verdict, unit: str) -> str:
     torque = torque_symbol(unit)
-    part = 100.0 * verdict.noise / kin.nominal.timing.torque_limit
-    return f"{verdict.noise:.2g} {torque} ({part:.2g} % of the limit)"
+    part = percent(verdict.noise / kin.nominal.timing.torque_limit)
+    return f"{verdict.noise:.2g} {torque} ({part} % of the limit)"
 
 
 def gains_in_words(gains: Gains, unit: str) -> str:
