@@ -160,6 +160,25 @@ def test_gains_as_good_as_the_proposal_are_said_to_be_so() -> None:
     assert "that is too little" in weak
 
 
+def test_each_margin_that_is_told_is_the_least_of_all_axes() -> None:
+    """Another axis comes nearest to -1 than has the least phase margin: 86° were told where one has 83°."""
+    effect = EFFECTS["elastic_transmission"]
+    model = lugre().with_effect(
+        effect.make({"compliance": 2e-3, "load_inertia": 0.4, "load_friction": 0.3, "damping": 0.1})
+    )
+    kin = family(model, replace(TIMING, dead_time=1e-3, dead_time_error=1e-4))
+    gains = Gains(10.0, 0.05, 400.0)
+    said = judge(gains, kin, task(model)).worst["sticking"][0]
+    every = [
+        margins(one.axis, gains, one.period) for one in corners_of(kin) if one.what.startswith("sticking")
+    ]
+    nearest = min(every, key=lambda one: one.modulus)
+    assert said.phase == pytest.approx(min(one.phase for one in every))
+    assert said.phase < nearest.phase - 2.0
+    assert said.modulus == pytest.approx(nearest.modulus)
+    assert min(said.gain, said.gain_down) == pytest.approx(min(min(one.gain, one.gain_down) for one in every))
+
+
 def test_holding_by_friction_alone_is_said() -> None:
     model = vertical()
     said = judge(HOLDS, family(model, TIMING), task(model))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from autotune.control.gains.hunting import LimitCycle, predicted
 from autotune.control.gains.loop import Gains
@@ -32,7 +33,8 @@ class Verdict:
     """What is known of a set of gains on a family of axes.
 
     Attributes:
-        nominal: margins of the nominal axis by regime; `worst` the least over the family, with its member.
+        nominal: margins of the nominal axis by regime; `worst` the least over the family, each by itself, with the
+            member that is least robust.
         cycle: hunting on the nominal axis; None where it holds.
         hunting_members: those that hunt, of the family.
         sticking_members: those that stick-slip, and `stick_slip_below` the speed that all of them keep above.
@@ -117,7 +119,7 @@ def judge(gains: Gains, kin: Family, task: Task) -> Verdict:
     return Verdict(
         gains=gains,
         nominal={regime: rows[0][0] for regime, rows in table.items()},
-        worst={regime: min(rows, key=lambda row: _robustness(row[0])) for regime, rows in table.items()},
+        worst={regime: _least(rows) for regime, rows in table.items()},
         cycle=cycle,
         hunting_members=tuple((["nominal"] if cycle else []) + hunting),
         slow=slow,
@@ -133,6 +135,18 @@ def judge(gains: Gains, kin: Family, task: Task) -> Verdict:
 def _margins(member: Member, gains: Gains, regime: Regime) -> Margins:
     axis = sampled_axis(linear_axis(member.model, regime), member.timing)
     return margins(axis, gains, member.timing.period)
+
+
+def _least(rows: Sequence[tuple[Margins, str]]) -> tuple[Margins, str]:
+    """The least margins of several loops, and the member whose loop is least robust.
+
+    Who comes nearest to −1 need not have the least phase margin, or the least gain margin.
+    """
+    found, what = min(rows, key=lambda row: _robustness(row[0]))
+    phase, gain, down = (
+        min(getattr(one, name) for one, _ in rows) for name in ("phase", "gain", "gain_down")
+    )
+    return replace(found, phase=phase, gain=gain, gain_down=down), what
 
 
 def _hunts(member: Member, gains: Gains, sizes: tuple[float, float]) -> bool:
