@@ -130,6 +130,7 @@ def run_structure(
     """The loop sample by sample, as `gains.twin.run_loop`, with a law of the catalogue.
 
     Args:
+        c: kp, kd, ki, α, and both weights of the reference, as `Gains.array` has them; no notch.
         f: LuGre's parameters in the order of `LugreParameters`, adapted in place by the adaptive law.
         x: the law's own numbers; seen: its states, shape (2,).
         law: gains and bounds of adaptation: three gains, three lower, three upper bounds; shape (9,).
@@ -145,8 +146,8 @@ def run_structure(
         if resolution > 0.0:
             y = math.floor(y / resolution + 0.5) * resolution
         error, slope = reference[k, 0] - y, (y - last_y) / period
-        smooth += c[3] * ((reference[k, 0] - last_r) / period - slope - smooth)
-        feedback = c[0] * error + c[1] * smooth + c[2] * (total + error * period)
+        smooth += c[3] * (c[5] * (reference[k, 0] - last_r) / period - slope - smooth)
+        feedback = c[0] * (c[4] * reference[k, 0] - y) + c[1] * smooth + c[2] * (total + error * period)
         demand = feedback + played[k]
         if kind not in (PID, PLAYED_FEEDFORWARD):
             demand += compensation(kind, f, x, seen, y, slope, feedback, reference[k], period)

@@ -135,7 +135,8 @@ def run(
     values = gains.array(h)
     values[:3] *= scale
     values[1] *= 0.0 if observed else 1.0
-    values[2] *= 1.0 if structure.integral else 0.0
+    if not structure.integral:  # of a cascade both loops are proportional then
+        values[0], values[2], values[4] = values[0] * values[4], 0.0, 1.0
     packed = with_damping(twin, timing)
     state = np.zeros(layout.STATES)
     state[POSITION] = reference[0]
@@ -143,7 +144,8 @@ def run(
         [h, timing.torque_limit, timing.resolution, timing.dead_time, 0.0, 0.0, reference[0], reference[0]]
     )
     start = twin["offset"] if structure.integral and structure.kind == laws.PID else 0.0
-    loop[4] = start / values[2] if values[2] > 0.0 else 0.0
+    constant = values[0] * (1.0 - values[4]) * reference[0]
+    loop[4] = (start + constant) / values[2] if values[2] > 0.0 else 0.0
     depth = int(timing.dead_time / h + 1e-9) + 2
     n = len(reference)
     played = np.zeros(n)
