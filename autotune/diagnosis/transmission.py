@@ -23,7 +23,7 @@ from autotune.diagnosis.candidates import (
 )
 from autotune.diagnosis.refits import NEARLY, REFINED, judged, refined, with_effects
 from autotune.diagnosis.starts import Context, FitStart, led_on, scattered, scouted, starts_of, varying
-from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import FreeAt, ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import Policy
@@ -56,6 +56,8 @@ OF_THE_GAP = {"compliance": "contact_compliance"} | {
     name: name for name in ("load_inertia", "load_friction", "damping", "load_offset")
 }
 """Parameters of a spring that begin at those of a gap."""
+SIZES = ("compliance", "contact_compliance", "gap")
+"""Of which starts have many, each with a scale and a step of its own."""
 
 
 def without_needless_gap(problem: Problem, fits: Sequence[FittedCandidate]) -> list[FittedCandidate]:
@@ -269,7 +271,7 @@ def other_spring_tried(
     place = model_fit.fitted.packed
     least, creeping = policy.clearly_less, creeps(place.p, place.on)
     for law in (_hardening(problem, [place]), _relaxing([place])):
-        settled = _other_spring(problem, model_fit, law, model_fit.free, model_fit.effects)
+        settled = _other_spring(problem, model_fit, law, lambda _: model_fit.free, model_fit.effects)
         better = _instead(problem, root, chosen, settled, chosen.effect, 1.0)
         if better is chosen:
             continue
@@ -361,19 +363,21 @@ def _other_spring(
     problem: Problem,
     model_fit: ModelFit,
     law: _Law,
-    free: Sequence[Free],
+    free: FreeAt,
     effects: tuple[str, ...],
 ) -> ModelFit | None:
     """The fit of the model with a spring by another law, led to its best in the place of what there is between the
     masses; None where its twin is unstable.
     """
     own = {one.slot for one in law.free}
-    free = [*(one for one in free if one.slot not in own), *law.free]
     slots = {parameter.slot for parameter in SPRING.parameters}
-    moved = tuple(one for one in free if one.slot in slots)
-    starts = [FitStart(one, moved) for one in law.starts]
+
+    def free_at(packed: Packed) -> list[Free]:
+        return [*(one for one in free(packed) if one.slot not in own), *law.free]
+
+    starts = [FitStart(at, tuple(one for one in free_at(at) if one.slot in slots)) for at in law.starts]
     led = [one.packed for one in scouted(problem, model_fit, starts, instead=True)]
-    return fit_from_starts(problem, led, 0.0, free, effects)
+    return fit_from_starts(problem, led, 0.0, free_at, effects)
 
 
 def _spring(place: Packed, names: Sequence[str], values: Sequence[float]) -> Packed:
@@ -476,6 +480,21 @@ def _instead(
     return replace(judged(problem, root, settled, effect), gain=chosen.gain)
 
 
+def _as_large(start: FitStart, packed: Packed) -> list[Free]:
+    """What is free of a start, with scales and steps as if the sizes in a model were where it began.
+
+    The last of all starts is the hardest spring or the widest gap, up to some hundred times as hard or as wide as where
+    a fit begins: by its steps that hardly moves, or leaves its valley at once.
+    """
+    found = []
+    for one in start.free:
+        told, size = (float(model.p[one.slot]) for model in (start.packed, packed))
+        sized = one.name.rpartition(".")[2] in SIZES and told > 0.0 and size > 0.0
+        times = size / told if sized else 1.0
+        found.append(replace(one, scale=times * one.scale, step=times * one.step))
+    return found
+
+
 class _Exchange:
     """One transmission in place of the `old` one, if that leaves at most `least` of the error."""
 
@@ -523,15 +542,19 @@ class _Exchange:
 
     def begun(
         self, problem: Problem, root: ModelFit, nominal: Packed, model_fit: ModelFit
-    ) -> tuple[list[Packed], list[Free], tuple[str, ...]]:
-        """Where the model with the new one begins, what is free of it, and its effects; a spring at one place."""
+    ) -> tuple[list[Packed], FreeAt, tuple[str, ...]]:
+        """Where the model with the new one begins, what is free of it there, and its effects; a spring at one place."""
         begun = list(starts_of(self.new, Context(problem, model_fit.fitted, nominal)))
         starts = [self._start(start.packed, root) for start in (begun[:1] if self.new is SPRING else begun)]
         slots = {parameter.slot for parameter in self.old.parameters}
-        free = [*(f for f in model_fit.free if f.slot not in slots), *begun[-1].free]
+        kept, last = [one for one in model_fit.free if one.slot not in slots], begun[-1]
+
+        def free_at(packed: Packed) -> list[Free]:
+            return [*kept, *_as_large(last, packed)]
+
         return (
             starts,
-            free,
+            free_at,
             tuple(self.new.name if name == self.old.name else name for name in model_fit.effects),
         )
 

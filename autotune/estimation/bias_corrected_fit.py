@@ -8,8 +8,9 @@ the bias that belongs to it, and runs of the twin tell how everything moves it (
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from autotune.models.drive_model import Packed
 from autotune.models.lanes import WIDTH
 from autotune.models.transmission import BETWEEN
 
+FreeAt: TypeAlias = Callable[[Packed], Sequence[Free]]
+"""What is free of a fit that begins at a model: scale and step of a parameter may go by where it begins."""
 LEVEL_GROUND = 1.005
 """What the cost may rise by from a twin to the next: its noise."""
 MOST_HALVINGS = 3
@@ -105,15 +108,20 @@ def fit_from_starts(
     problem: Problem,
     starts: Sequence[Packed],
     enough: float,
-    free: Sequence[Free],
+    free: Sequence[Free] | FreeAt,
     effects: tuple[str, ...],
     target: float = math.inf,
 ) -> ModelFit | None:
     """Fits from the first of several places that costs at most `enough`, and from the next where one is stuck.
 
     Where none costs so little, from the best of them. For two masses, whose way downhill chance may bar. None where
-    the twin is unstable everywhere.
+    the twin is unstable everywhere. `free`: at every place, or by place.
     """
+
+    def fit(here: Twinned, least: float) -> ModelFit | None:
+        own = free(here.packed) if callable(free) else free
+        return fit_inside_twin(problem, here, own, 2, effects, target=least)
+
     best: ModelFit | None = None
     dear: list[Twinned] = []
     tried = 0
@@ -127,7 +135,7 @@ def fit_from_starts(
             dear.append(here)
             continue
         least = target if best is None else min(target, best.fitted.cost)
-        model_fit = fit_inside_twin(problem, here, free, 2, effects, target=least)
+        model_fit = fit(here, least)
         tried += 1
         if model_fit is not None and (best is None or model_fit.fitted.cost < best.fitted.cost):
             best = model_fit
@@ -138,7 +146,7 @@ def fit_from_starts(
     if best is not None or not dear:
         return best
     here = min(dear, key=lambda place: place.cost)
-    return fit_inside_twin(problem, here, free, 2, effects, target=target)
+    return fit(here, target)
 
 
 def _arrived(problem: Problem, model_fit: ModelFit, before: float, enough: float) -> bool:

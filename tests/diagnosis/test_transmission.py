@@ -19,6 +19,7 @@ from autotune.diagnosis.transmission import (
     SHARES,
     TURNS,
     _contacts,
+    _Exchange,
     adds_nothing,
     gap_is_told,
     other_spring_tried,
@@ -26,7 +27,9 @@ from autotune.diagnosis.transmission import (
     plainer_of,
     spring_in_place,
 )
+from autotune.estimation.bias_corrected_fit import FreeAt
 from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY
 from autotune.models import layout
 from autotune.models.backlash import BACKLASH, damped_by_impact
@@ -469,6 +472,54 @@ def test_a_spring_in_the_place_of_hardly_a_gap_begins_where_one_was_fitted_too(
     spring_in_place(problem, gap, packed, chosen, [gap, *springs])
     assert [one.p[ELASTIC_TRANSMISSION.slot("compliance")] for one in begun] == [2e-3, 0.0]
     assert begun[1] is springs[0].fitted.packed
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "size"),
+    [(BACKLASH, ELASTIC_TRANSMISSION, "compliance"), (ELASTIC_TRANSMISSION, BACKLASH, "gap")],
+)
+def test_the_other_transmission_moves_by_steps_as_large_as_what_it_begins_with(
+    monkeypatch: pytest.MonkeyPatch, old: Kind, new: Kind, size: str
+) -> None:
+    """They were those of the last start of all: a spring as soft as a gap's contact went on by 3 % of itself a step."""
+    c = SimpleNamespace(
+        p=base_model(BASE).pack().p, coulomb=BASE["coulomb"], left=0.1, cutoff=60.0, period=1e-3, travel=6.0,
+        mean_speed=2.0,
+    )  # fmt: skip
+    packed = base_model(BASE).pack()
+    packed.p[BACKLASH.slot("contact_compliance")] = 0.05
+    known: list[tuple[Packed, list[Free]]] = []
+
+    def starts_of(kind: Kind, _: object) -> list[FitStart]:
+        begun = []
+        for start in kind.starts(c):
+            p = packed.p.copy()
+            for name, value in start.values.items():
+                p[kind.slot(name)] = value
+            free = tuple(varying(kind, name, vary) for name, vary in start.free.items())
+            begun.append(FitStart(Packed(p, packed.on), free))
+        return begun
+
+    def fit_from_starts(_: object, starts: list[Packed], __: float, free: FreeAt, *___: object) -> None:
+        known.extend((one, list(free(one))) for one in starts)
+
+    monkeypatch.setattr(transmission, "starts_of", starts_of)
+    monkeypatch.setattr(transmission, "Context", lambda *_: None)
+    monkeypatch.setattr(transmission, "fit_from_starts", fit_from_starts)
+    model_fit = SimpleNamespace(
+        fitted=SimpleNamespace(packed=packed, cost=1.0), free=(varying(old, "damping", Vary(1.0)),),
+        effects=(old.name,),
+    )  # fmt: skip
+    chosen = SimpleNamespace(model_fit=model_fit, effect=old.name)
+    _Exchange(old, new, 1.0).fitted(None, model_fit, packed, chosen)
+    at = new.slot(size)
+    assert len({float(begun.p[at]) for begun, _ in known}) == (8 if new is BACKLASH else 1)
+    for begun, free in known:
+        (one,) = (one for one in free if one.slot == at)
+        assert one.step == pytest.approx(0.6 * begun.p[at])
+        assert not any(other.slot == old.slot("damping") for other in free)
+        (share,) = (other for other in free if other.slot == new.slot("load_inertia"))
+        assert share.scale == 0.2
 
 
 def test_a_start_of_every_size_is_looked_at() -> None:
