@@ -390,8 +390,8 @@ def beyond_rests(
     rested = without_rests(error, rests)
     quieter = np.array([
         min(
-            problem.data.in_usual_noise(block, rested).var(axis=0).mean()
-            / max(problem.data.in_usual_noise(block, error).var(axis=0).mean(), 1e-300),
+            problem.compared(block, rested).var(axis=0).mean()
+            / max(problem.compared(block, error).var(axis=0).mean(), 1e-300),
             1.0,
         )
         for block in problem.data.blocks

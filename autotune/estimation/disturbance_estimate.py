@@ -367,7 +367,7 @@ def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
     expected = np.full(len(data.blocks), _heard(problem))
     for i, block in enumerate(data.blocks):
         if block.repeats > 1:
-            table = data.in_usual_noise(block, errors[0])
+            table = problem.compared(block, errors[0])
             expected[i] += disturbance.uneven * float(table.var(axis=0, ddof=1).mean())
     return replace(problem, expected=expected)
 
@@ -439,7 +439,7 @@ def with_counts(problem: Problem, packed: Packed) -> Problem:
     level = np.zeros((len(pairs), len(data.blocks)))
     for i, block in enumerate(data.blocks):
         if block.repeats > 1:
-            level[:, i] = [shared(data.in_usual_noise(block, pair)).mean() for pair in pairs]
+            level[:, i] = [shared(problem.compared(block, pair)).mean() for pair in pairs]
     noise = problem.noise_variance(residual(data, packed, problem.moved), TRAINING)
     swings = np.array([0.5 * problem.noise_variance(pair, TRAINING) for pair in pairs])
     return replace(problem, by_counts=level * np.minimum(noise / np.maximum(swings, 1e-300), 1.0)[:, None])

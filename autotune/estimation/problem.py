@@ -234,7 +234,7 @@ class Problem:
         one experiment that counts make chaotic says nothing of the others; nor do those of which no row counts.
         """
         repeated = [block for block in self.data.blocks if block.repeats > 1 and self._counts(block)]
-        means = [self._compared(block, error).mean(axis=1) for block in repeated]
+        means = [self.compared(block, error).mean(axis=1) for block in repeated]
         return float(np.median([one.var(ddof=1) for one in means])) / MEDIAN_OF_ONE if means else 0.0
 
     def _repeatable_chunks(self, error: Floats, correction: Correction, role: str) -> list[Floats]:
@@ -244,7 +244,7 @@ class Problem:
             steady = self._steadiness(block)
             if block.role != role or block.repeats < 2 or steady == 0.0:
                 continue
-            product = shared(self._compared(block, error)) - spare
+            product = shared(self.compared(block, error)) - spare
             means = chunk_means(product)
             means[:, 1] *= steady
             chunks.append(means)
@@ -258,7 +258,7 @@ class Problem:
         own = replace(self, data=replace(self.data, certainty=None)) if plain else self
         values = [
             (
-                own._compared(block, error).var(axis=0, ddof=1).mean(),
+                own.compared(block, error).var(axis=0, ddof=1).mean(),
                 block.count * (1.0 if plain else self._steadiness(block)),
             )
             for block in self.data.blocks
@@ -267,12 +267,21 @@ class Problem:
         variances, counts = np.array(values).reshape(-1, 2).T
         return float(np.average(variances, weights=counts)) if counts.sum() > 0.0 else float("nan")
 
+    def usual_noise(self, error: Floats, role: str) -> float:
+        """The same in the median experiment of those that have rows that count [(N m)²]; infinite without any."""
+        each = [
+            float(self.compared(block, error).var(axis=0, ddof=1).mean())
+            for block in self.data.blocks
+            if block.role == role and block.repeats > 1 and self._counts(block)
+        ]
+        return float(np.median(each)) if each else math.inf
+
     def repeatable_by_block(self, error: Floats, correction: Correction, role: str) -> Floats:
         """Variance that comes again and variance that does not, of each repeated experiment [(N m)²], shape (b, 2)."""
         rows = []
         for block, spare in zip(self.data.blocks, correction.variance, strict=True):
             if block.role == role and block.repeats > 1:
-                table = self._compared(block, error)
+                table = self.compared(block, error)
                 noise = float(table.var(axis=0, ddof=1).mean())
                 rows.append((float(np.mean(table.mean(axis=0) ** 2)) - noise / block.repeats - spare, noise))
         return np.array(rows).reshape(-1, 2)
@@ -299,7 +308,7 @@ class Problem:
         weight = along = size = 0.0
         for block in self.data.blocks:
             if block.role == role and block.repeats > 1:
-                own, law = self._compared(block, error), self._compared(block, self.misfit)
+                own, law = self.compared(block, error), self.compared(block, self.misfit)
                 both, alone, left = (float(shared(table).mean()) for table in (own + law, own, law))
                 count = block.count * self._steadiness(block)
                 weight, along = weight + count, along + 0.5 * count * (both - alone - left)
@@ -325,7 +334,7 @@ class Problem:
         total = float(weight.sum())
         return float(np.dot(weight, error**2)) / total if total > 0.0 else float("nan")
 
-    def _compared(self, block: Block, error: Floats) -> Floats:
+    def compared(self, block: Block, error: Floats) -> Floats:
         """An experiment's error by repeat, rows as far as they count in each; one of zeros where none does."""
         counts = np.all(block.by_repeat(self.weight) > 0.0, axis=0)
         return (

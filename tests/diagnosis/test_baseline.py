@@ -122,6 +122,22 @@ def test_one_loud_experiment_hides_no_rest_of_the_others(short) -> None:
     assert evidence.rest_that_is_none(problem, quiet, 0.5) == pytest.approx(0.5)
 
 
+def test_rows_that_do_not_count_hide_no_rest_of_the_others(short) -> None:
+    """At rest, where a coarse encoder shows no presliding, friction holds any torque: it differs in every repeat."""
+    data = prepared_to_fit([short])
+    problem = new_problem(replace(data, blocks=tuple(thirds(data.blocks))), LAW)
+    random, rests = np.random.default_rng(5), np.zeros(len(data.grid), dtype=np.bool_)
+    for number, block in enumerate(problem.data.blocks):
+        rows = block.by_repeat(np.arange(len(rests)))
+        rests[rows if number == 0 else rows[:, : block.count // 2]] = True  # of the first all rows
+    error = random.normal(0.0, 1.0, len(rests)) * np.where(rests, 10.0, 1.0)
+    counting = replace(problem, weight=np.where(rests, 0.0, 1.0))
+    evidence, noise = RepeatedProgramme(), counting.noise_variance(error, "training")
+    assert evidence.rest_that_is_none(problem, error, 60.0) > 20.0
+    assert noise == pytest.approx(1.0, rel=0.2)
+    assert evidence.rest_that_is_none(counting, error, 60.0) == pytest.approx(1.0, rel=0.2)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("times", "twin"), [(1.0, True), (3.0, False)])
 def test_a_twin_that_explains_far_less_than_none_is_not_used(

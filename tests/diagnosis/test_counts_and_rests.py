@@ -26,6 +26,7 @@ from autotune.estimation.disturbance_estimate import (
     by_certainty,
     null_errors,
     with_counts,
+    with_expected_noise,
 )
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import residual
@@ -469,3 +470,27 @@ def test_a_crumb_of_the_torque_says_of_no_axis_that_something_is_missing(begun: 
     assert not RepeatedProgramme().structure_left(problem, quiet)
     assert RepeatedProgramme()._structured(problem, quiet, crumbs=True)
     assert RepeatedProgramme().structure_left(problem, loud)
+
+
+def test_what_twins_differ_and_share_by_is_that_of_the_rows_that_count(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A motion that rests for half of its time, where a coarse encoder sticks: those rows are compared with nothing."""
+    problem, packed = begun[0], begun[1].fitted.packed
+    random, rests = np.random.default_rng(4), np.zeros(len(problem.weight), dtype=np.bool_)
+    for block in problem.data.blocks:
+        rests[block.by_repeat(np.arange(len(rests)))[:, : block.count // 2]] = True
+    weight = np.where(rests, 0.0, 1.0)
+    steady = replace(problem, weight=weight, disturbance=replace(problem.disturbance, sensor=0.0, uneven=1.0))
+    noise = steady.noise_variance(residual(problem.data, packed, problem.moved), TRAINING)
+    size = np.sqrt(noise) * np.where(rests, 30.0, 1.0)
+    loud = [size * one for one in random.standard_normal((6, len(rests)))]
+    monkeypatch.setattr(disturbance_estimate, "_errors_of_twins", lambda *_: loud[:1])
+    monkeypatch.setattr(disturbance_estimate, "_errors_of", lambda *_: loud)
+    repeated = [block.repeats > 1 for block in problem.data.blocks]
+    expected = with_expected_noise(steady, packed).expected
+    assert expected is not None
+    assert np.mean(expected[repeated]) == pytest.approx(noise, rel=0.2), "of all rows 450 times that"
+    counted = with_counts(steady, packed).by_counts
+    assert counted is not None
+    assert np.max(np.abs(counted)) < 0.5 * noise, "nothing is shared, but for chance: of all rows 450 times that"

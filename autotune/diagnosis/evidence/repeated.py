@@ -95,7 +95,7 @@ class RepeatedProgramme(Evidence):
 
     def rest_that_is_none(self, problem: Problem, error: Floats, noise: float) -> float:
         # one experiment below a count, where motion is chaotic, hides nothing of the others
-        usual = min(noise, _usual_noise(problem, error))
+        usual = min(noise, problem.usual_noise(error, TRAINING))
         least = problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, error, usual)
         return max(least, problem.comes_by_counts(TRAINING)[0])
 
@@ -369,16 +369,6 @@ def _gain_of_load(
         loads = [effect for effect in model_fit.effects if EFFECTS[effect].in_transmission]
         return max((gains.get(effect, 0.0) for effect in loads), default=0.0)
     return gain_on_veto(problem, before, model_fit)
-
-
-def _usual_noise(problem: Problem, error: Floats) -> float:
-    """Variance of what repeats do not share in the median experiment [(N m)²]; infinite without repeats."""
-    each = [
-        float(problem.data.in_usual_noise(block, error).var(axis=0, ddof=1).mean())
-        for block in problem.data.blocks
-        if block.role == TRAINING and block.repeats > 1
-    ]
-    return float(np.median(each)) if each else math.inf
 
 
 def _of_the_chain(problem: Problem, error: Floats, noise: float) -> float:
