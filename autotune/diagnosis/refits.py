@@ -339,7 +339,18 @@ def with_own_noise(
     )
     if settled is None or settled.fitted.cost > model_fit.fitted.cost:
         return problem, chosen
+    quieter = _counted_anew(quieter, root, model_fit.fitted.packed)
     return quieter, judged(quieter, root, settled, chosen.effect)
+
+
+def _counted_anew(problem: Problem, root: ModelFit, packed: Packed) -> Problem:
+    """The problem with what counts make of a model where its twin is shaken so; of two masses, what they do of the root.
+
+    Where that was asked at all: how loud a twin is shaken rules how often its encoder's counts turn over alike.
+    """
+    if problem.by_counts is None:
+        return problem
+    return with_counts(problem, root.fitted.packed if problem.two_masses(packed) else packed)
 
 
 def looped_otherwise(
@@ -432,7 +443,8 @@ def in_quieter_twin(
         settled = fit_inside_twin(quieter, packed, free, 4, model_fit.effects, model_fit.fitted)
         if settled is None or settled.fitted.cost > problem.policy.clearly_less * model_fit.fitted.cost:
             break
-        problem, chosen = quieter, judged(quieter, root, settled, chosen.effect)
+        problem = _counted_anew(quieter, root, packed)
+        chosen = judged(problem, root, settled, chosen.effect)
     return problem, chosen
 
 

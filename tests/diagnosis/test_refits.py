@@ -28,6 +28,7 @@ from autotune.diagnosis.rounds import (
     _worth_by_its_course,
 )
 from autotune.diagnosis.settling import _a_row_beside, _first_exchanged
+from autotune.estimation import model_error
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import fit_inside_twin
 from autotune.estimation.controller_law import PositionController
@@ -52,6 +53,8 @@ class _Shaken:
     loads: bool = True
     twin: bool = True
     policy: object = POLICY
+    by_counts: object = None
+    misfit: object = None
 
     def two_masses(self, _: object) -> bool:
         return self.loads
@@ -200,6 +203,51 @@ def test_twins_with_two_masses_are_shaken_less_as_long_as_they_leave_clearly_les
     assert problem.disturbance.white == expected
     assert found.model_fit.fitted.cost == fitted(problem).fitted.cost
     assert in_quieter_twin(replace(loud, loads=False), None, begun)[1] is begun
+
+
+@pytest.mark.parametrize(("loads", "of"), [(False, "chosen"), (True, "root")])
+@pytest.mark.parametrize("known", [True, False])
+def test_what_counts_make_is_that_of_a_twin_as_loud_as_it_is(
+    monkeypatch: pytest.MonkeyPatch, loads: bool, of: str, known: bool
+) -> None:
+    """Behind a coarse encoder a twin that is shaken a third as much shared a twentieth of what was excused."""
+
+    def counted(problem: _Shaken, packed: object) -> _Shaken:
+        return replace(problem, by_counts=(problem.disturbance.white, packed))
+
+    monkeypatch.setattr(refits, "fit_inside_twin", lambda *_: _costs("chosen", 0.5))
+    monkeypatch.setattr(refits, "with_expected_noise", lambda problem, _: problem)
+    monkeypatch.setattr(refits, "with_counts", counted)
+    monkeypatch.setattr(refits, "judged", lambda problem, *_: SimpleNamespace(counts=problem.by_counts))
+    loud = _Shaken(Disturbance(1.0, 0.0, 0.0, 0.0, 0.0), loads, by_counts=("before",) if known else None)
+    quiet = loud.disturbance.louder(0.5)
+    monkeypatch.setattr(refits, "estimate_disturbance", lambda *_: quiet)
+    begun, root = SimpleNamespace(model_fit=_costs("chosen", 1.0), effect="spring"), _costs("root", 2.0)
+    problem, found = refits.with_own_noise(loud, root, begun)
+    assert problem.disturbance == quiet
+    assert problem.by_counts == found.counts == ((0.5, of) if known else None)
+    if loads:
+        monkeypatch.setattr(refits, "PARTS_ALONE", (0.7,))
+        problem, found = in_quieter_twin(loud, root, begun)
+        assert problem.by_counts == found.counts == ((0.7, of) if known else None)
+
+
+def _costs(packed: str, cost: float) -> SimpleNamespace:
+    return SimpleNamespace(fitted=SimpleNamespace(packed=packed, cost=cost), free=(), effects=("spring",))
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_root_that_is_shaken_anew_has_what_its_law_leaves_as_it_is_now(
+    monkeypatch: pytest.MonkeyPatch, known: bool
+) -> None:
+    """The law had been moved, and the rest of the one before it excused what comes again."""
+    monkeypatch.setattr(model_error, "with_misfit", lambda one: replace(one, misfit="of the law as it is"))
+    monkeypatch.setattr(refits, "fit_inside_twin", lambda *_: _costs("root", 1.0))
+    monkeypatch.setattr(refits, "with_expected_noise", lambda problem, _: problem)
+    monkeypatch.setattr(refits, "estimate_disturbance", lambda one, _: one.disturbance)
+    before = _Shaken(Disturbance(1.0, 0.0, 0.0, 0.0, 0.0), misfit="of the law before" if known else None)
+    found, _ = refits.with_noise_of(before, _costs("root", 1.0))
+    assert found.misfit == ("of the law as it is" if known else None)
 
 
 def test_a_rival_in_the_place_of_an_effect_brings_its_own_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
