@@ -217,7 +217,7 @@ class SearchState:
         if shaped is None:
             return None
         if not EFFECTS[item.effect].approximate:  # elements are its own law, however many
-            self.freed[item.effect] = item.named
+            self.freed.setdefault(item.effect, item.named)  # freed once more, it has not its own law
         return (
             refined(self.problem, self.root, shaped, self.progress)
             if unsettled(self.problem, shaped)
@@ -234,7 +234,22 @@ class SearchState:
 
 
 def next_best(state: SearchState, first: bool) -> FittedCandidate | None:
-    """The best of a round, looked for again where the model as it is does half of that from elsewhere."""
+    """The best of a round, looked for again where the model as it is does half of that from elsewhere.
+
+    A round fits effects by their own laws. That a rival of an earlier one has its course free says nothing of the same
+    effect beside what is chosen; nor does that of one which is not taken.
+    """
+    rivals = {effect: named for effect, named in state.freed.items() if effect not in state.model_fit.effects}
+    state.freed = state.still_freed()
+    best = _looked_for(state, first)
+    own = (best or state).model_fit.effects
+    beside = {effect: named for effect, named in rivals.items() if effect not in own}
+    state.freed = beside | {effect: named for effect, named in state.freed.items() if effect in own}
+    return best
+
+
+def _looked_for(state: SearchState, first: bool) -> FittedCandidate | None:
+    """The best of a round, and of those after it where its base or its loop was not right."""
     best = one_round(state, first)
     if best is not None and first and _rooted_anew(state, best):
         best = one_round(state, first)

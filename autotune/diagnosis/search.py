@@ -537,6 +537,7 @@ def _lags_after_all(state: SearchState) -> bool:
     best = state.moved(problem, judged(problem, state.root, lagging, LAG))
     known = before[2] is not None and before[2].named
     if best.named or (before[2] is not None and not known):
+        state.freed.pop(LAG, None)  # of a rival: this one has its own law
         take(state, best)
         if not known or (state.chosen is not None and state.chosen.named):
             return True
@@ -765,9 +766,11 @@ def _in_place(state: SearchState) -> list[FittedCandidate]:
     for item in _backward(state).exchanged(chosen, state.later, _like_the_first(state, chosen)):
         lost = set(chosen.model_fit.effects) - set(item.model_fit.effects)
         if len(lost) == 1 and state.evidence.explains_rest_of(state.problem, chosen, item):
-            shaped = state.shaped(item)
+            known, shaped = {**state.freed}, state.shaped(item)
             if shaped is not None and shaped.named and _leaves_less(state, shaped, chosen):
                 chosen, item = shaped, replace(chosen, effect=lost.pop())
+            else:
+                state.freed = known
         again.append(item)
     state.chosen = chosen
     return again

@@ -328,8 +328,9 @@ def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
     if state.chosen is not None:
         return _others_freed(state, best)
     for item in [one for one in state.tried if _contends(state, chosen, one, best is not chosen)]:
-        shaped = state.shaped(item)
+        known, shaped = {**state.freed}, state.shaped(item)
         if shaped is None or state.evidence.only_at_rests(state.problem, state.root, shaped):
+            state.freed = known
             continue
         state.tried = [shaped if one is item else one for one in state.tried]
         level = LEVEL_GROUND if shaped.named and not best.named else 1.0
@@ -377,11 +378,12 @@ def spring_as_well(state: SearchState, best: FittedCandidate) -> FittedCandidate
         return best
     if not rather_a_spring(problem, root, best.model_fit):
         return best
+    known = {**state.freed}
     spring = state.shaped(straight) or straight
-    if not state.evidence.repeats and not predicts_better(problem, best.model_fit, spring.model_fit):
-        return best
+    predicts = state.evidence.repeats or predicts_better(problem, best.model_fit, spring.model_fit)
     left = [error_left(problem, one.model_fit) for one in (spring, best)]
-    if left[0] >= left[1] and not state.evidence.comes_near(problem, root, best, spring):
+    if not predicts or (left[0] >= left[1] and not state.evidence.comes_near(problem, root, best, spring)):
+        state.freed = known
         return best
     others = [one for one in state.tried if one.effect not in (spring.effect, best.effect)]
     state.tried = [*others, best, spring]
@@ -414,13 +416,15 @@ def _first_exchanged(state: SearchState, chosen: FittedCandidate) -> FittedCandi
             continue
         state.progress(f"{item.effect} in the place of {first}")
         other = in_place_of(state.problem, state.root, chosen, first, item)
-        other = (state.shaped(other) or other) if other is not None else None
         if other is None:
             continue
+        freed, other = {**state.freed}, state.shaped(other) or other
         left = [error_left(state.problem, one.model_fit) for one in (other, chosen)]
         if left[0] < left[1]:  # the one that it takes the place of stays a rival: a fit of the last round
             last = item.effect if chosen.effect == first else chosen.effect
             chosen, first = replace(other, effect=last), item.effect
+        else:
+            state.freed = freed
     return chosen
 
 

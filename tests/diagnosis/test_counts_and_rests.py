@@ -493,4 +493,6 @@ def test_what_twins_differ_and_share_by_is_that_of_the_rows_that_count(
     assert np.mean(expected[repeated]) == pytest.approx(noise, rel=0.2), "of all rows 450 times that"
     counted = with_counts(steady, packed).by_counts
     assert counted is not None
-    assert np.max(np.abs(counted)) < 0.5 * noise, "nothing is shared, but for chance: of all rows 450 times that"
+    assert np.max(np.abs(counted)) < 0.5 * noise, (
+        "nothing is shared, but for chance: of all rows 450 times that"
+    )

@@ -219,13 +219,16 @@ def test_a_lag_that_is_not_taken_leaves_no_course_freed(monkeypatch: pytest.Monk
     monkeypatch.setattr(search, "judged", lambda *_: lagging)
     monkeypatch.setattr(SearchState, "moved", lambda _, __, best: best)
 
+    state.freed = {"torque_lag": True}  # of a rival
+
     def take(state: SearchState, best: Item) -> None:
+        assert state.freed == {}
         state.freed["spring"] = False
         state.chosen = item("spring", "torque_lag", named=False)
 
     monkeypatch.setattr(search, "take", take)
     assert not search._lags_after_all(state)
-    assert (state.chosen, state.freed) == (chosen, {})
+    assert (state.chosen, state.freed) == (chosen, {"torque_lag": True})
 
 
 def test_a_fit_that_is_unstable_in_another_problem_has_no_figures_there(
@@ -332,6 +335,99 @@ def test_a_rival_that_is_told_from_what_was_chosen_keeps_its_course(monkeypatch:
     found = confirmation.told_apart(search._in_state(state), ("gravity_imbalance", "spring"), [])
     assert found.chosen is rival
     assert found.freed == {"spring": False}
+
+
+@pytest.mark.parametrize(
+    ("found", "freed"),
+    [
+        (("gravity_imbalance", "spring"), {"gravity_imbalance": True}),
+        (("gravity_imbalance", "stribeck"), {"gravity_imbalance": True, "spring": False}),
+        (None, {"gravity_imbalance": True, "spring": False}),
+    ],
+    ids=["it is taken", "another one", "nothing"],
+)
+def test_a_rival_with_a_free_course_is_taken_later_by_its_own_law(
+    monkeypatch: pytest.MonkeyPatch, found: tuple[str, ...] | None, freed: dict[str, bool]
+) -> None:
+    """A spring's course was free as a weight's rival; beside the weight it was told to differ, and never freed."""
+    chosen, seen = item("gravity_imbalance"), []
+    state = state_of(chosen, (chosen, item("spring")), monkeypatch)
+    state.freed = {"gravity_imbalance": True, "spring": False}
+
+    def one_round(state: SearchState, _: bool) -> Item | None:
+        seen.append({**state.freed})
+        state.freed["dwell_time_break_away"] = False  # its course did not help
+        return None if found is None else item(*found)
+
+    monkeypatch.setattr(rounds, "one_round", one_round)
+    monkeypatch.setattr(rounds, "_looped_anew", lambda *_: False)
+    rounds.next_best(state, first=False)
+    assert seen == [{"gravity_imbalance": True}]
+    assert state.freed == freed
+
+
+def test_a_further_effect_by_a_course_of_its_own_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = item("gravity_imbalance")
+    state = state_of(chosen, (chosen,), monkeypatch)
+
+    def one_round(state: SearchState, _: bool) -> Item:
+        state.freed["spring"] = False
+        return item("gravity_imbalance", "spring")
+
+    monkeypatch.setattr(rounds, "one_round", one_round)
+    monkeypatch.setattr(rounds, "_looped_anew", lambda *_: False)
+    rounds.next_best(state, first=False)
+    assert state.freed == {"spring": False}
+
+
+def test_a_course_that_is_freed_once_more_was_not_named_by_its_own_law(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    state = state_of(None, (), monkeypatch)
+    monkeypatch.setattr(rounds, "with_free_shape", lambda *_: item("spring"))
+    monkeypatch.setattr(rounds, "unsettled", lambda *_: False)
+    for named in (False, True):
+        state.shaped(item("spring", named=named))
+    assert state.freed == {"spring": False}
+
+
+def _course_for(state: SearchState, one: Item) -> Item:
+    state.freed[one.effect] = False
+    return item(*one.model_fit.effects, left=1.5)
+
+
+def test_a_course_that_is_not_taken_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rival kept its own law, and was told on another recording by a course that it has not."""
+    chosen, rival = item("gravity_imbalance", left=1.0), item("spring", left=3.0)
+    state = state_of(None, (chosen, rival), monkeypatch)
+    monkeypatch.setattr(SearchState, "shaped", _course_for)
+    monkeypatch.setattr(settling, "_contends", lambda _, best, one, __: one.effect != best.effect)
+    state.evidence = SimpleNamespace(repeats=True, only_at_rests=lambda *_: True, comes_near=lambda *_: False)
+    assert settling._freed(state, chosen).effect == "gravity_imbalance"
+    assert (state.tried[1], state.freed) == (rival, {"gravity_imbalance": False})
+
+    monkeypatch.setattr(settling, "without_own_course", lambda *_: ["gravity_imbalance"])
+    monkeypatch.setattr(settling, "rather_a_spring", lambda *_: True)
+    state.freed, straight = {}, item("spring")
+    monkeypatch.setattr(settling, "_pulling", lambda _: straight_of(straight))
+    assert settling.spring_as_well(state, chosen) is chosen
+    assert state.freed == {}
+
+    pair, other = item("gravity_imbalance", "stribeck"), item("spring", "stribeck", left=2.0)
+    monkeypatch.setattr(settling, "in_place_of", lambda *_: other)
+    assert settling._first_exchanged(state, pair) is pair
+    assert state.freed == {}
+
+    state.chosen = pair
+    state.evidence.explains_rest_of = lambda *_: True
+    monkeypatch.setattr(search, "_backward", lambda _: SimpleNamespace(exchanged=lambda *_: [other]))
+    assert search._in_place(state) == [other]
+    assert state.freed == {}
+
+
+def straight_of(one: Item) -> SimpleNamespace:
+    """The same with what it explains of the training."""
+    return SimpleNamespace(**vars(one), training=SimpleNamespace(share=0.97))
 
 
 def test_a_search_that_begins_anew_has_tried_nothing_yet(monkeypatch: pytest.MonkeyPatch) -> None:

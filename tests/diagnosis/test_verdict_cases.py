@@ -834,7 +834,7 @@ def _wave_found(
     evidence = SimpleNamespace(comes_near=lambda *_: near, repeats=repeats)
     state = SimpleNamespace(
         problem=SimpleNamespace(policy=POLICY), root=None, evidence=evidence, shaped=lambda _: bent,
-        tried=[weight, straight],
+        tried=[weight, straight], freed={},
     )  # fmt: skip
     shapeless = [] if shows_course else ["gravity_imbalance"]
     monkeypatch.setattr(settling, "without_own_course", lambda *_: shapeless)
