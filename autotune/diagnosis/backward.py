@@ -158,14 +158,20 @@ class Backward:
         beside them tells of it, and that model is given too: before they were found its gain was measured in what they
         explain, and no loop's rest is half of all that is left.
         """
-        loads = [effect for effect in chosen.model_fit.effects if EFFECTS[effect].in_transmission]
-        if len(chosen.model_fit.effects) < 2 or not loads or not self.evidence.repeats:
+        if len(chosen.model_fit.effects) < 2 or not _loads(chosen) or not self.evidence.repeats:
             return chosen, None
-        less = self._without(chosen, loads[0])
-        unloaded = less.model_fit if less is not None and self._tells_of_load(chosen, less) else None
+        less, unloaded = self._unloaded(chosen)
         if self.evidence.doubted(self.problem, self.root, chosen.model_fit, first, unloaded):
             return less or chosen, None
         return chosen, unloaded
+
+    def unloaded(self, chosen: FittedCandidate) -> ModelFit | None:
+        """What tells of a second mass among several effects, as in `without_doubtful_load`; None where nothing does."""
+        return self._unloaded(chosen)[1] if len(chosen.model_fit.effects) > 1 and _loads(chosen) else None
+
+    def _unloaded(self, chosen: FittedCandidate) -> tuple[FittedCandidate | None, ModelFit | None]:
+        less = self._without(chosen, _loads(chosen)[0])
+        return less, less.model_fit if less is not None and self._tells_of_load(chosen, less) else None
 
     def _tells_of_load(self, chosen: FittedCandidate, less: FittedCandidate) -> bool:
         """Whether a model without a second mass tells whether there is one: see `without_doubtful_load`."""
@@ -212,6 +218,10 @@ class Backward:
         packed, free = item.model_fit.fitted.packed, list(item.model_fit.free)
         settled = fit_inside_twin(self.problem, packed, free, 2, effects)
         return None if settled is None else judged(self.problem, self.root, settled, item.effect)
+
+
+def _loads(chosen: FittedCandidate) -> list[str]:
+    return [effect for effect in chosen.model_fit.effects if EFFECTS[effect].in_transmission]
 
 
 def as_free(less: ModelFit, model_fit: ModelFit) -> bool:

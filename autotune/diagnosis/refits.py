@@ -344,7 +344,7 @@ def with_own_noise(
 
 
 def _counted_anew(problem: Problem, root: ModelFit, packed: Packed) -> Problem:
-    """The problem with what counts make of a model where its twin is shaken so; of two masses, what they do of the root.
+    """The problem with what counts make of a model where its twin is shaken so; of two masses, of the root.
 
     Where that was asked at all: how loud a twin is shaken rules how often its encoder's counts turn over alike.
     """

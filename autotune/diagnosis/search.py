@@ -12,13 +12,14 @@ from dataclasses import dataclass, field, fields, replace
 
 from autotune.core.time_limit import TimeIsUp, limited
 from autotune.diagnosis.backward import Backward
-from autotune.diagnosis.base_laws import BASE_LAWS, CLIMB_LAW, has_other_law, with_base_shapes
+from autotune.diagnosis.base_laws import BASE_LAWS, CLIMB_LAW, BaseLaw, has_other_law, with_base_shapes
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
     ScreenedCandidate,
     asked_for,
     error_left,
+    exchanged_for,
     explained_of_rest,
     gain_on_veto,
     not_refuted,
@@ -43,6 +44,7 @@ from autotune.diagnosis.free_shape import like_a_motor
 from autotune.diagnosis.refits import (
     REFINED,
     fitted_again,
+    in_place_of,
     inside_twin,
     judged,
     refined,
@@ -63,6 +65,7 @@ from autotune.diagnosis.settling import led_from_elsewhere, take
 from autotune.diagnosis.transmission import (
     plainer_of,
     spring_in_place,
+    with_springs,
 )
 from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_inside_twin, held_out_of
 from autotune.estimation.cross_validation import (
@@ -223,12 +226,23 @@ def _found(state: SearchState) -> Found:
     found = _where_it_slides(state, _beside_own_presliding(state, found))
     if found.chosen is None:
         return found
-    spring = spring_in_place(found.problem, found.root, state.nominal, found.chosen, state.seen)
-    if spring is not None and plainer_of(found.problem, found.chosen, spring) is spring:
-        given_up = {found.chosen.effect, spring.effect} if len(spring.model_fit.effects) == 1 else set()
-        tried = [one for one in found.tried if one.effect not in given_up]
-        return replace(found, chosen=spring, tried=[*tried, spring] if given_up else found.tried)
-    return replace(found, spring=spring)
+    return _or_a_spring(state, found, found.chosen)
+
+
+def _or_a_spring(state: SearchState, found: Found, chosen: FittedCandidate) -> Found:
+    """The same with a spring where what was chosen has hardly a gap: in its place, and in what may stand for others
+    beside it, or kept to be compared with.
+    """
+    known = found.problem, found.root, state.nominal
+    spring = spring_in_place(*known, chosen, state.seen)
+    if spring is None or plainer_of(found.problem, chosen, spring) is not spring:
+        return replace(found, spring=spring)
+    if len(spring.model_fit.effects) > 1:
+        exchanged = with_springs(*known, found.exchanged, state.seen)
+        return replace(found, chosen=spring, exchanged=exchanged)
+    given_up = {chosen.effect, spring.effect}
+    tried = [one for one in found.tried if one.effect not in given_up]
+    return replace(found, chosen=spring, tried=[*tried, spring])
 
 
 def _seek(state: SearchState) -> None:
@@ -478,7 +492,7 @@ def _drop_laws(state: SearchState, only_where_less_is_left: bool = False) -> Non
     rest since: a memory is no answer to that.
     """
     for law in BASE_LAWS:
-        if state.chosen is None or not law.there(state.root.fitted.packed):
+        if state.chosen is None or not (_has(law, state.root) and _has(law, state.chosen.model_fit)):
             continue
         less = law.removed(state.problem, state.chosen.model_fit)
         if less is None or asked_for(state.problem, less, state.chosen.model_fit):
@@ -492,7 +506,32 @@ def _drop_laws(state: SearchState, only_where_less_is_left: bool = False) -> Non
             if plainer.model_fit.fitted.cost >= state.chosen.model_fit.fitted.cost:
                 continue
         if plainer.named or not state.chosen.named:
-            state.root, state.chosen = root, plainer
+            _give_up(state, law, root, plainer)
+
+
+def _give_up(state: SearchState, law: BaseLaw, root: ModelFit, plainer: FittedCandidate) -> None:
+    """Makes it the root and the chosen model without a law of the base; what they are compared with has none either."""
+
+    def without(model_fit: ModelFit) -> ModelFit | None:
+        return law.removed(state.problem, model_fit) if _has(law, model_fit) else model_fit
+
+    def compared(items: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+        own, again = plainer.model_fit.effects, []
+        for one in items:
+            bare = plainer.model_fit if one.model_fit.effects == own else without(one.model_fit)
+            if bare is not None:
+                again.append(judged(state.problem, root, bare, one.effect))
+        return again
+
+    tried, later = compared(state.tried), compared(state.later)
+    state.unloaded = without(state.unloaded) if state.unloaded is not None else None
+    state.root, state.chosen, state.tried, state.later = root, plainer, tried, later
+
+
+def _has(law: BaseLaw, model_fit: ModelFit) -> bool:
+    """Whether a model has a law of the base, and no memory by the same elements."""
+    its_own = law is not CLIMB_LAW or MEMORY not in model_fit.effects
+    return its_own and law.there(model_fit.fitted.packed)
 
 
 def _loaded_by_the_loop(state: SearchState) -> bool:
@@ -616,7 +655,8 @@ def _beside_own_presliding(state: SearchState, found: Found) -> Found:
     climbs = _remembered_beyond(state, own)
     if climbs is not None:
         remembers = judged(state.problem, climbs, chosen.model_fit, chosen.effect)
-        return replace(found, root=climbs, chosen=remembers, presliding=chosen)
+        found = replace(found, root=climbs, chosen=remembers, presliding=chosen)
+        return _rivals_in_the_climb(state, found, remembers)
     others = tuple(effect for effect in chosen.model_fit.effects if effect != MEMORY)
     beside = (
         replace(chosen, effect=others[-1], model_fit=replace(chosen.model_fit, effects=others))
@@ -638,6 +678,25 @@ def _beside_own_presliding(state: SearchState, found: Found) -> Found:
         presliding=chosen,
     )
     return found if found.chosen is not None else _begun_beside(state, found)
+
+
+def _rivals_in_the_climb(state: SearchState, found: Found, remembers: FittedCandidate) -> Found:
+    """The same with the climb of the root in what may stand for the memory: by themselves its rivals lack it."""
+
+    alone = len(remembers.model_fit.effects) < 2
+    root, begun = found.root, remembers
+    if alone:
+        begun = replace(remembers, model_fit=replace(root, effects=(MEMORY,)))
+
+    def beside(item: FittedCandidate) -> FittedCandidate | None:
+        own, new = exchanged_for(remembers, item)
+        if own == {MEMORY} and len(new) == 1:
+            return in_place_of(state.problem, root, begun, MEMORY, replace(item, effect=new.pop()))
+        return judged(state.problem, root, item.model_fit, item.effect)
+
+    again = [beside(item) for item in (found.tried if alone else found.exchanged)]
+    fits = [item for item in again if item is not None]
+    return replace(found, tried=fits) if alone else replace(found, exchanged=fits)
 
 
 def _beside_elements(item: FittedCandidate) -> FittedCandidate:

@@ -123,6 +123,24 @@ def spring_in_place(
     return _Exchange(GAP, SPRING, policy.spring_instead).fitted(problem, root, nominal, chosen, seen)
 
 
+def with_springs(
+    problem: Problem,
+    root: ModelFit,
+    nominal: Packed,
+    fits: Sequence[FittedCandidate],
+    seen: Sequence[ModelFit],
+) -> list[FittedCandidate]:
+    """The fits with a spring in the place of their gap, as what was chosen beside it has one now: only so can they be
+    compared with that. Those without a gap as they are; none whose twin is unstable.
+    """
+    exchange = _Exchange(GAP, SPRING, problem.policy.spring_instead)
+    again = [
+        exchange.fitted(problem, root, nominal, one, seen) if GAP.name in one.model_fit.effects else one
+        for one in fits
+    ]
+    return [one for one in again if one is not None]
+
+
 def gap_is_told(problem: Problem, chosen: FittedCandidate, spring: FittedCandidate) -> bool:
     """Whether what is hardly a gap is one all the same: a spring in its place has no name, and is left far behind.
 

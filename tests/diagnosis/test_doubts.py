@@ -504,13 +504,13 @@ def test_what_wanders_over_an_experiment_is_one_number_in_each_repeat(
     error[:100] += chaotic
     problem = SimpleNamespace(
         data=SimpleNamespace(blocks=blocks),
-        _compared=lambda block, values: block.by_repeat(values),
+        compared=lambda block, values: block.by_repeat(values),
         _counts=lambda _: True,
     )
     assert Problem._wanders(problem, error) == pytest.approx(told, rel=0.4)
     # where no row of most of them counts, these tell nothing
     problem._counts = lambda block: block.start < 3000
-    problem._compared = lambda block, values: block.by_repeat(values) * problem._counts(block)
+    problem.compared = lambda block, values: block.by_repeat(values) * problem._counts(block)
     assert Problem._wanders(problem, error) == pytest.approx(told, rel=0.6)
     rows = np.column_stack([1.0 + 0.1 * random.standard_normal(9), np.ones(9)])
     problem = SimpleNamespace(_repeatable_chunks=lambda *_: [rows], _wanders=lambda _: told)

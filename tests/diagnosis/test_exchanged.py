@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autotune.diagnosis import backward, confirmation, refits, rounds, search, settling
+from autotune.diagnosis import backward, confirmation, facts, refits, rounds, search, settling, transmission
 from autotune.diagnosis.backward import Backward
-from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.candidates import exchanged_for, no_progress
 from autotune.diagnosis.rounds import SearchState
 from autotune.estimation import model_error
 from autotune.estimation.cross_validation import Unseen
@@ -314,6 +314,98 @@ def test_rivals_beside_elements_that_are_the_base_s_have_them_too(
     assert [one.model_fit.effects for one in found.exchanged] == exchanged
     assert found.chosen is not None
     assert found.chosen.model_fit.effects == others
+
+
+@pytest.mark.parametrize("others", [(), ("spring",)], ids=["alone", "beside a spring"])
+def test_rivals_of_a_memory_beside_a_climb_climb_too(
+    monkeypatch: pytest.MonkeyPatch, others: tuple[str, ...]
+) -> None:
+    """The root has that climb then; rivals without it leave three times as much, and were none."""
+    chosen, root = item(*others, "reversal_memory"), item("climb", left=0.7).model_fit
+    state = state_of(chosen, (), monkeypatch)
+    state.tried = [item("reversal_memory"), item("stribeck", left=3.0), item("backlash", left=3.0)]
+    exchanged = [item(*others, "stribeck", left=3.0), item("dwell_time_break_away", "reversal_memory")]
+    asked: list[tuple[float, tuple[str, ...]]] = []
+
+    def in_place_of(_: object, its: object, begun: Item, effect: str, rival: Item) -> Item | None:
+        assert (its, effect) == (root, "reversal_memory")
+        asked.append((begun.model_fit.left, begun.model_fit.effects))
+        return None if rival.effect == "backlash" else item(*others, rival.effect, left=1.1)
+
+    for name, value in {
+        "with_own_presliding": "own",
+        "_remembered_beyond": root,
+        "in_place_of": in_place_of,
+        "judged": lambda _, __, model_fit, effect: item(*model_fit.effects, left=model_fit.left),
+        "replace": _replaced,
+    }.items():
+        value = value if callable(value) else lambda *_, value=value: value
+        monkeypatch.setattr(search, name, value)
+    found = search._beside_own_presliding(
+        state, search.Found(None, None, chosen, (), state.tried, {}, exchanged=exchanged)
+    )
+    assert found.root is root
+    fits = found.exchanged if others else found.tried
+    assert {one.effect: one.model_fit.left for one in fits} == {"reversal_memory": 1.0, "stribeck": 1.1}
+    assert set(asked) == {(1.0 if others else 0.7, (*others, "reversal_memory"))}, (
+        "alone, from the root's base"
+    )
+
+
+@pytest.mark.parametrize("others", [(), ("torque_ripple",)], ids=["alone", "beside a ripple"])
+@pytest.mark.parametrize("plain", [True, False])
+def test_where_a_spring_takes_the_place_of_hardly_a_gap_rivals_of_others_have_it_too(
+    monkeypatch: pytest.MonkeyPatch, others: tuple[str, ...], plain: bool
+) -> None:
+    """Beside the gap an eccentricity did as well as a ripple; beside the spring it was no rival of it any more."""
+    gap, spring = item(*others, "backlash"), item(*others, "elastic_transmission")
+    beside = item("backlash", "encoder_eccentricity")
+    lag = item(*others, "torque_lag")
+    state = state_of(gap, (gap, item("elastic_transmission"), item("stribeck")), monkeypatch)
+    state.problem.policy = POLICY
+
+    def fitted(_: object, *given: Any) -> Item | None:
+        return replace(given[3], model_fit=item("elastic_transmission", "encoder_eccentricity").model_fit)
+
+    monkeypatch.setattr(transmission._Exchange, "fitted", fitted)
+    monkeypatch.setattr(search, "spring_in_place", lambda *_: spring)
+    monkeypatch.setattr(search, "plainer_of", lambda *_: spring if plain else gap)
+    told = [beside, lag] if others else []
+    found = search.Found(state.problem, None, gap, (), state.tried, {}, exchanged=told)
+    found = search._or_a_spring(state, found, gap)
+    if not plain:
+        assert (found.chosen, found.spring, found.exchanged) == (gap, spring, told)
+        return
+    assert found.chosen is spring
+    assert {one.effect for one in found.tried} == (
+        {"stribeck", "elastic_transmission"} if not others else {one.effect for one in state.tried}
+    )
+    ways = [exchanged_for(spring, one) for one in found.exchanged]
+    assert ways == (
+        [({"torque_ripple"}, {"encoder_eccentricity"}), ({spring.effect}, {"torque_lag"})] if others else []
+    )
+
+
+@pytest.mark.parametrize(
+    ("effects", "told"),
+    [
+        (("stribeck", "backlash"), "known"),
+        (("thermal_drift", "backlash"), "anew"),
+        (("stribeck", "thermal_drift"), None),
+        (("backlash",), None),
+    ],
+    ids=["as it was", "an exchanged one", "no mass any more", "refuted beside it"],
+)
+def test_what_tells_of_a_second_mass_stands_beside_it(
+    monkeypatch: pytest.MonkeyPatch, effects: tuple[str, ...], told: str | None
+) -> None:
+    known = SimpleNamespace(effects=("stribeck",), name="known")
+    anew = SimpleNamespace(effects=("thermal_drift",), name="anew")
+    monkeypatch.setattr(backward, "without_effect", lambda *_: Item("", anew, named=False))
+    problem, chosen = problem_of(has_veto=True), item(*effects)
+    found: Any = SimpleNamespace(problem=problem, root=None, chosen=chosen, unloaded=known)
+    left = facts._unloaded(found, SimpleNamespace(repeats=True))  # type: ignore[arg-type]
+    assert (None if left is None else left.name) == told
 
 
 def _replaced(one: Any, **changes: Any) -> Any:

@@ -508,6 +508,57 @@ def test_a_law_of_the_base_that_a_name_needs_is_not_dropped(
     assert (state.root is fit) is kept
 
 
+def test_a_law_of_the_base_is_given_up_by_all_that_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rival kept the law that was dropped, and left as little as the effect by what the law explains."""
+    removed: list[tuple[str, ...]] = []
+
+    def fit(*effects: str, law: bool = True) -> SimpleNamespace:
+        return SimpleNamespace(effects=effects, fitted=SimpleNamespace(packed=law))
+
+    def without(_: object, model_fit: SimpleNamespace) -> SimpleNamespace | None:
+        removed.append(model_fit.effects)
+        return None if "backlash" in model_fit.effects else fit(*model_fit.effects, law=False)
+
+    def judged(_: object, root: SimpleNamespace, model_fit: SimpleNamespace, effect: str) -> Item:
+        assert not root.fitted.packed
+        return Item(effect, model_fit)
+
+    law = SimpleNamespace(there=lambda packed: packed, removed=without)
+    monkeypatch.setattr(search, "BASE_LAWS", (law,))
+    monkeypatch.setattr(search, "asked_for", lambda *_: False)
+    monkeypatch.setattr(search, "judged", judged)
+    spring = Item("spring", fit("spring"))
+    tried = (spring, *(Item(one, fit(one)) for one in ("gravity_imbalance", "backlash")))
+    state = _search(spring, (*tried, Item("stribeck", fit("stribeck", law=False))))
+    state.root, state.unloaded = fit(), fit("spring")
+    state.later = [Item("thermal_drift", fit("spring", "thermal_drift"))]
+    search._drop_laws(state)
+    assert state.chosen is not None
+    alike = [
+        state.root,
+        state.unloaded,
+        *(one.model_fit for one in (state.chosen, *state.tried, *state.later)),
+    ]
+    assert not any(one.fitted.packed for one in alike)
+    assert {one.effect for one in state.tried} == {"spring", "gravity_imbalance", "stribeck"}
+    assert [one.model_fit is state.chosen.model_fit for one in state.tried].count(True) == 1
+    assert [one.effect for one in state.later] == ["thermal_drift"]
+    assert removed.count(("spring",)) == 2, "itself and what tells of a second mass; no fit is made twice"
+
+
+def test_elements_that_were_found_as_a_memory_are_no_law_to_give_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without them it would have its name and none of its elements."""
+    fit = SimpleNamespace(effects=("reversal_memory",), fitted=SimpleNamespace(packed=None))
+    climbs = SimpleNamespace(there=lambda _: True, removed=lambda *_: pytest.fail("it is the effect"))
+    monkeypatch.setattr(search, "BASE_LAWS", (climbs,))
+    monkeypatch.setattr(search, "CLIMB_LAW", climbs)
+    state = _search(Item("reversal_memory", fit))
+    state.root = SimpleNamespace(effects=(), fitted=SimpleNamespace(packed=None))
+    search._drop_laws(state)
+    assert state.chosen is not None
+    assert state.chosen.model_fit is fit
+
+
 @pytest.mark.parametrize(
     ("asked", "left", "kept"), [(False, 0.8, False), (False, 1.1, True), (True, 0.8, True)]
 )
@@ -520,7 +571,8 @@ def test_a_law_of_the_base_that_stood_for_an_effect_goes_before_more_is_looked_f
     monkeypatch.setattr(search, "BASE_LAWS", (law,))
     monkeypatch.setattr(search, "asked_for", lambda *_: asked)
     monkeypatch.setattr(search, "judged", lambda *told: told[2])
-    led = SimpleNamespace(model_fit=SimpleNamespace(fitted=SimpleNamespace(cost=left)), named=True)
+    its = SimpleNamespace(fitted=SimpleNamespace(cost=left), effects=("torque_lag",))
+    led = SimpleNamespace(model_fit=its, named=True)
     monkeypatch.setattr(search, "refined", lambda *_: led)
     fit = SimpleNamespace(fitted=SimpleNamespace(cost=1.0, packed=None))
     chosen = SimpleNamespace(effect="torque_lag", named=False, model_fit=fit)
