@@ -462,12 +462,15 @@ def with_noise_of(problem: Problem, root: ModelFit) -> tuple[Problem, ModelFit]:
 
 def fitted_again(
     problem: Problem, root: ModelFit, candidates: Sequence[FittedCandidate]
-) -> tuple[ModelFit, list[FittedCandidate | None]]:
+) -> tuple[ModelFit, list[FittedCandidate | None]] | None:
     """All models fitted again after torque and motion were aligned anew: only so can they be compared.
 
-    None for those whose twin is unstable there: what they left before says nothing of what is compared now.
+    None for those whose twin is unstable there: what they left before says nothing of what is compared now. None at all
+    where it is the root's: what a model explains counts from that.
     """
-    before = fit_inside_twin(problem, root.fitted.packed, list(root.free), 2) or root
+    before = fit_inside_twin(problem, root.fitted.packed, list(root.free), 2, root.effects)
+    if before is None:
+        return None
     again: list[FittedCandidate | None] = []
     for item in candidates:
         own = item.model_fit

@@ -142,9 +142,9 @@ class SearchState:
     def take_root(self, root: ModelFit) -> None:
         """Makes it the root: torque and motion aligned by it, the twin disturbed as much as the axis is by it."""
         again = self.evidence.aligned(self.problem, root)
-        if again is not self.problem:
-            self.problem = again
-            root = fit_inside_twin(again, root.fitted.packed, list(root.free), 2, root.effects) or root
+        there = settled_in(again, root) if again is not self.problem else None
+        if there is not None:  # else its twin is unstable there, and what it leaves is of the torque before
+            self.problem, root = there
         self.problem, self.root = with_noise_of(self.problem, root)
 
     @property
@@ -197,12 +197,13 @@ class SearchState:
     def moved(self, problem: Problem, best: FittedCandidate) -> FittedCandidate:
         """The best candidate as torque and motion are aligned now; so are its rivals, or only the alignment tells.
 
-        All is as it was where its twin is unstable so. Rivals whose twins are have nothing to be compared by.
+        All is as it was where its twin is unstable so, or the root's. Rivals whose twins are tell nothing.
         """
         problem = with_misfit_again(problem)
         own = best.model_fit.effects
         rivals = [item for item in self.tried if item.model_fit.effects != own]
-        root, (after, *moved) = fitted_again(problem, self.root, [best, *rivals])
+        found = fitted_again(problem, self.root, [best, *rivals])
+        root, (after, *moved) = found if found is not None else (self.root, [None])
         if after is None:
             return best
         self.problem, self.root, there = problem, root, iter(moved)

@@ -43,7 +43,6 @@ from autotune.diagnosis.evidence.torque_path import (
 from autotune.diagnosis.free_shape import like_a_motor
 from autotune.diagnosis.refits import (
     REFINED,
-    fitted_again,
     in_place_of,
     inside_twin,
     judged,
@@ -601,9 +600,12 @@ def _is_dead_time(state: SearchState) -> bool:
         if found is None:
             continue
         if apart(state.problem, found[1], lags):
+            there = settled_in(found[0], state.root)
+            if there is None:  # nothing can be begun anew from there
+                state.delayed = True
+                break
             state.progress("a dead time in the place of a lag")
-            root, _ = fitted_again(found[0], state.root, [])
-            state.problem, state.root = with_noise_of(found[0], root)
+            state.problem, state.root = with_noise_of(*there)
             return True
         state.delayed = state.delayed or not apart(state.problem, lags, found[1])
         if state.delayed:

@@ -234,9 +234,57 @@ def test_a_lag_that_is_not_taken_leaves_no_course_freed(monkeypatch: pytest.Monk
 def test_a_fit_that_is_unstable_in_another_problem_has_no_figures_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(refits, "fit_inside_twin", lambda *_: None)
-    fit = SimpleNamespace(fitted=SimpleNamespace(packed=None), free=(), effects=("spring",))
-    assert refits.fitted_again(None, fit, [Item("spring", fit)]) == (fit, [None])
+    stable = {()}
+    monkeypatch.setattr(
+        refits,
+        "fit_inside_twin",
+        lambda *told: "again" if told[4] in stable else None,  # by its effects
+    )
+    root, fit = (
+        SimpleNamespace(fitted=SimpleNamespace(packed=None), free=(), effects=effects)
+        for effects in ((), ("spring",))
+    )
+    assert refits.fitted_again(None, root, [Item("spring", fit)]) == ("again", [None])
+    stable.clear()
+    assert refits.fitted_again(None, root, [Item("spring", fit)]) is None
+
+
+def test_where_the_root_is_unstable_all_stays_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it had left of the torque before was taken for the error that the moved torque has to explain."""
+    best = item("torque_lag")
+    state = state_of(None, (best,), monkeypatch)
+    before, again = (state.problem, state.root, state.tried), problem_of()
+    monkeypatch.setattr(rounds, "fitted_again", lambda *_: None)
+    assert state.moved(again, best) is best
+    assert (state.problem, state.root, state.tried) == before
+
+
+@pytest.mark.parametrize("stable", [True, False])
+def test_a_new_root_that_is_unstable_where_the_torque_was_moved_to_stays(
+    monkeypatch: pytest.MonkeyPatch, stable: bool
+) -> None:
+    state = state_of(None, (), monkeypatch)
+    before, again = state.problem, problem_of()
+    state.evidence.aligned = lambda *_: again
+    monkeypatch.setattr(rounds, "settled_in", lambda one, _: (one, "settled") if stable else None)
+    monkeypatch.setattr(rounds, "with_noise_of", lambda *given: given)
+    state.take_root("found")
+    assert (state.problem, state.root) == ((again, "settled") if stable else (before, "found"))
+
+
+@pytest.mark.parametrize("stable", [True, False])
+def test_from_a_dead_time_that_the_root_is_unstable_with_nothing_begins_anew(
+    monkeypatch: pytest.MonkeyPatch, stable: bool
+) -> None:
+    state, again = state_of(item("torque_lag"), (), monkeypatch), problem_of()
+    state.evidence.apart = lambda *_: True
+    before = state.problem, state.root
+    monkeypatch.setattr(search, "dead_time_in_place", lambda *_: (again, None))
+    monkeypatch.setattr(search, "settled_in", lambda one, _: (one, "settled") if stable else None)
+    monkeypatch.setattr(search, "with_noise_of", lambda *given: given)
+    assert search._is_dead_time(state) is stable
+    assert state.delayed is not stable, "the lag has its name, and is not confirmed"
+    assert (state.problem, state.root) == ((again, "settled") if stable else before)
 
 
 @pytest.mark.parametrize(
