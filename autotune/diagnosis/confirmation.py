@@ -78,15 +78,18 @@ def confirm(found: Found, nominal: Packed) -> tuple[FittedCandidate | None, list
 def confirm_by(
     found: Found, nominal: Packed, others: Sequence[Elsewhere], shown: Collection[str] = ()
 ) -> tuple[FittedCandidate | None, list[HoldoutResult]]:
-    """The same by any trajectories; effects that are `shown` there by themselves are not refuted by other values."""
+    """The same by any trajectories; effects that are `shown` there by themselves are not refuted by other values.
+
+    Where time was up nothing is confirmed, and no rivals beside others are looked for: that is a round of a search.
+    """
     chosen, problem, root = found.chosen, found.problem, found.root
     if chosen is None or not others:
         return chosen, []
     evidence = evidence_of(problem.data)
     carried = hold_out(problem, root, chosen, others, shown)
     left = without(problem, root, chosen, [item.effect for item in carried if item.refuted])
-    if left is None:
-        return None, carried
+    if left is None or (found.cut_short and len(left.model_fit.effects) > 1):
+        return left, carried
     return left, [
         compare_alternatives(problem, evidence, left, item, found, nominal, others)
         if item.lowers and item.effect in left.model_fit.effects

@@ -164,12 +164,13 @@ def _found_so_far(state: SearchState) -> Found:
     """What a search has found whose time is up.
 
     Of several effects those that the others do not need are dropped still, and a memory is none that may be the base's
-    own presliding: a name that is wrong is worse than a few seconds.
+    own presliding: a name that is wrong is worse than a few seconds. What is left is refined no more.
     """
     if state.chosen is None and (state.first or state.beside is not None):
         state.chosen = best_in_haste(state)
     if state.chosen is not None and len(state.chosen.model_fit.effects) > 1:
-        _tidy(state)
+        needed = _backward(state).pruned(state.chosen, state.seen)
+        state.chosen = _backward(state).without_stiff_load(needed)
     chosen = state.chosen
     if chosen is not None and MEMORY in chosen.model_fit.effects:
         own = with_own_presliding(state.problem, state.root, chosen.model_fit)

@@ -106,6 +106,30 @@ def test_an_effect_falls_where_another_recording_plainly_errs_more_with_it(
     assert carried[0].refuted != kept
 
 
+@pytest.mark.parametrize(
+    ("effects", "cut_short", "asked"),
+    [(("stribeck", "spring"), True, 0), (("stribeck", "spring"), False, 2), (("spring",), True, 1)],
+)
+def test_where_time_was_up_no_further_round_is_searched(
+    monkeypatch: pytest.MonkeyPatch, effects: tuple[str, ...], cut_short: bool, asked: int
+) -> None:
+    """All candidates were ranked again for each of several effects, whose names are suspected at best by then."""
+    carried = [HoldoutResult(effect, 0.5, 9.0, lowers=True) for effect in effects]
+    rivals: list[str] = []
+
+    def compared(*told: object) -> HoldoutResult:
+        rivals.append(told[3].effect)
+        return told[3]
+
+    monkeypatch.setattr(confirmation, "evidence_of", lambda _: None)
+    monkeypatch.setattr(confirmation, "hold_out", lambda *_: carried)
+    monkeypatch.setattr(confirmation, "compare_alternatives", compared)
+    found = replace(_found(SimpleNamespace(model_fit=_model_fit(*effects))), cut_short=cut_short)
+    chosen, told = confirm_by(found, None, [_leaves(plain=1.0)])
+    assert chosen is found.chosen
+    assert (told, len(rivals)) == (carried, asked)
+
+
 @pytest.mark.parametrize(("anew", "lowers"), [({}, True), ({"gravity_imbalance": 0.5}, False)])
 def test_one_of_several_is_asked_beside_the_others_with_values_of_their_own(
     monkeypatch: pytest.MonkeyPatch, anew: dict[str, float], lowers: bool

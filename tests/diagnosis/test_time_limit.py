@@ -1,6 +1,7 @@
 """A diagnosis whose time is up tells what it has found until then, and never more than that."""
 
 from itertools import count
+from types import SimpleNamespace
 
 import pytest
 
@@ -9,6 +10,9 @@ from autotune.core import time_limit
 from autotune.core.errors import ConfigurationError
 from autotune.core.side_by_side import on_each
 from autotune.core.time_limit import TimeIsUp, deadline, limited
+from autotune.diagnosis import backward, search
+from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.rounds import SearchState
 from autotune.diagnosis.verdict import diagnose
 
 SPRING = 0.004
@@ -49,6 +53,20 @@ def test_with_nothing_planted_it_never_says_that_nothing_is_missing(passes, reco
     found = diagnose([recorded(42)], nominal, at_most=most)
     assert (found.complete, found.verdict, found.effects) == (False, "unknown", ())
     assert found.next_experiment is None
+
+
+def test_what_is_needed_is_told_after_the_time_and_nothing_is_refined(monkeypatch) -> None:
+    """Three rounds of a fit with two masses took a minute of 140 s at 1 kHz, and beyond the limit."""
+    fits = {
+        effects: SimpleNamespace(effects=effects, model_fit=SimpleNamespace(effects=effects))
+        for effects in (("spring", "stribeck"), ("spring",))
+    }
+    monkeypatch.setattr(backward.Backward, "pruned", lambda *_: fits[("spring",)])
+    monkeypatch.setattr(backward, "refined", lambda *_: pytest.fail("it is refined"))
+    given = (SimpleNamespace(), SimpleNamespace(), None, no_progress, SimpleNamespace(repeats=True))
+    state = SearchState(*given, chosen=fits[("spring", "stribeck")])
+    found = search._found_so_far(state)
+    assert (found.chosen, found.cut_short) == (fits[("spring",)], True)
 
 
 def test_a_limit_that_is_none_is_refused(recorded, nominal) -> None:
