@@ -11,6 +11,9 @@ from typing import Any
 from autotune.core.drive import Command, Mode, Sample, Standing
 from autotune.core.errors import LinkError, StateError
 
+SILENT = "silent"
+"""A file in a drive's folder: nobody answers as long as it is there."""
+
 
 @dataclass
 class FakeDrive:
@@ -85,6 +88,8 @@ class FakeDrive:
 
 @dataclass(frozen=True)
 class FakeOpener:
+    """Opens the drive, unless a file `SILENT` is in its folder."""
+
     directory: Path
     pause: float = 0.0
     closing: float = 0.0
@@ -94,6 +99,8 @@ class FakeOpener:
     def __call__(self, backup: Any = None) -> FakeDrive:
         if self.error:
             raise LinkError(self.error)
+        if (self.directory / SILENT).exists():
+            raise LinkError("nobody answers")
         return FakeDrive(self.directory, backup, pause=self.pause, closing=self.closing, power=self.power)
 
     @property

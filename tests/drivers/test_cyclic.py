@@ -24,7 +24,7 @@ from autotune_drivers.cyclic.loop import CyclicLoop, Silence
 from autotune_drivers.cyclic.messages import STEPS_WITHIN
 from autotune_drivers.cyclic.ring import create_memory
 from tests.drivers import bus
-from tests.drivers.fake_drive import FakeOpener
+from tests.drivers.fake_drive import SILENT, FakeOpener
 from tests.drivers.routines import Calls, Endless, Sine, Warmed, kill_self, odd, unpicklable, wrong
 from tests.drivers.simulator import Simulator, axis_of, simulator
 
@@ -172,6 +172,21 @@ def test_closing_after_a_death_restores(opener: FakeOpener) -> None:
     loop = CyclicLoop.open(opener)
     with pytest.raises(LinkError):
         loop.play(Calls(kill_self))
+    loop.close()
+    assert opener.log[-2:] == ["inherited", "closed"]
+
+
+def test_a_drive_that_does_not_answer_the_next_process_is_restored_by_the_one_after(
+    opener: FakeOpener, tmp_path: Path
+) -> None:
+    """The failed opening told of no backup, and its owner had nothing to put back any more."""
+    loop = CyclicLoop.open(opener)
+    with pytest.raises(LinkError, match="died"):
+        loop.play(Calls(kill_self))
+    (tmp_path / SILENT).touch()
+    with pytest.raises(LinkError, match="nobody answers"):
+        loop.read_parameters()
+    (tmp_path / SILENT).unlink()
     loop.close()
     assert opener.log[-2:] == ["inherited", "closed"]
 

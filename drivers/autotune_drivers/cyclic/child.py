@@ -267,6 +267,7 @@ def serve(connection: Connection, ring: Ring, owner: int) -> None:
     supervisor = Supervisor(ring, owner)
     signal.signal(signal.SIGTERM, supervisor.terminate)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    backup = None
     try:
         opener, backup = connection.recv()
         if supervisor.last_call:  # the owner died while this process began: the drive is left alone
@@ -275,7 +276,7 @@ def serve(connection: Connection, ring: Ring, owner: int) -> None:
     except (EOFError, ConnectionResetError):
         return
     except Exception as error:  # noqa: BLE001 - reported to the owner, whatever it is
-        _tell(connection, Failed(_with_origin(error)))
+        _tell(connection, Failed(_with_origin(error), backup))  # what is to be put back still is
         return
     priority = ask_for_priority()  # for every routine, in lock-step too: held up, it would lose its heartbeat
     give_back_priority()
