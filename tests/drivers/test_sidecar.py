@@ -248,6 +248,17 @@ def test_a_profile_without_a_time_out_refuses(bus: Bus) -> None:
     assert not writes
 
 
+@pytest.mark.parametrize("held", [0, 100])
+def test_a_drive_that_holds_another_time_out_refuses(bus: Bus, held: int) -> None:
+    """It took the write and kept a value of its own; an offset would have stood for as long, or for ever."""
+    timer = bus.bench.device.objects[0x1403, 5]
+    timer.read = lambda: held if timer.value else 0
+    with pytest.raises(StateError, match=f"holds {held} ms, where 20 were written"):
+        prepared_and_closed(bus)
+    assert not any(cob_id == OWN for cob_id, _ in bus.sent)
+    assert bus.bench.get(0x1403, 1) == 0x80000505, "the mapping is as before"
+
+
 def test_another_cycle_than_the_axis_refuses(bus: Bus) -> None:
     bus.bench.device.objects[0x60C2, 1].value = 2
     writes = written(bus)

@@ -29,6 +29,7 @@ from autotune_drivers.left import put_right
 from autotune_drivers.profile import OffsetGuard, Profile
 
 TIME_OUT = 0.02  # s of our silence until the drive begins to drop the offset
+_TIME_OUT_MS = round(TIME_OUT * 1e3)
 _LISTEN = 0.3  # s in which another producer is heard
 _LOCK_STEP_DROP = 5.0  # s, for a drive whose time waits for SYNC
 _SYNCHRONOUS = 1
@@ -125,7 +126,8 @@ class Sidecar:
 
         Raises:
             StateError: the master is not there, has the torque offset itself, or uses all PDOs; somebody sends what
-                would be ours; an offset stands in the drive. LinkError: the drive refuses.
+                would be ours; an offset stands in the drive; the drive holds another time-out than was written.
+            LinkError: the drive refuses.
         """
         sdo, number = self._sdo, self._number
         receive, transmit = settings(sdo, RPDO), settings(sdo, TPDO)
@@ -137,10 +139,22 @@ class Sidecar:
         mapped = PdoSetting(RPDO, index, self._own, _SYNCHRONOUS, (self._offset.ref.mapping(),))
         report = (signals.status.ref.mapping(), signals.torque.ref.mapping())
         self._prepared = True
-        self._session.write(self._timer(index), round(TIME_OUT * 1e3))
+        timer = self._timer(index)
+        self._session.write(timer, _TIME_OUT_MS)
         self._session.map(PdoSetting(TPDO, other, self._told, _SYNCHRONOUS, report))
         self._session.map(mapped)
+        self._must_be_timed(timer)
         self._session.settle()  # what the master maps there after our death is the master's
+
+    def _must_be_timed(self, timer: ObjectRef) -> None:
+        """Without that time-out a drive keeps the offset of a dead sender, or drops it at another time than is told."""
+        held = self._sdo.read(timer)
+        if held != _TIME_OUT_MS:
+            raise StateError(
+                f"{timer} holds {held} ms, where {_TIME_OUT_MS} were written: node {self._number} would not drop the "
+                "offset of a silent sender in time; nothing was sent. See [offset_guard] in the profile, or export the "
+                "model to the master ('autotune export')"
+            )
 
     def _timer(self, index: int) -> ObjectRef:
         if isinstance(self._guard.timer, ObjectRef):
