@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from autotune.control.reduction import reduces
 from autotune.core.axis import Axis
 from autotune.core.errors import AutotuneError, ConfigurationError, Interrupted
 from autotune.core.loop import Loop
@@ -151,7 +152,7 @@ def _commit(order: Order, tools: Tools) -> Done:
     )  # fmt: skip
     if result.outcome is not Outcome.KEPT or result.committed is None:
         return Done(result.outcome.value, result.exit_code, result.verdict, result.run_directory.name)
-    if _as_proved(proved, result, result.committed):
+    if _as_proved(proved, result, result.committed, tools.axis.acceptance.improvement):
         return Done("kept", 0, result.verdict, result.run_directory.name)
     backup = roll_back(tools.axis, tools.open_loop, runs, tools.clock())
     sentence = (
@@ -161,15 +162,20 @@ def _commit(order: Order, tools: Tools) -> Done:
     return Done("rolled_back", 3, sentence, result.run_directory.name)
 
 
-def _as_proved(proved: Mapping[str, Any], result: RunResult, alone: TrackingError) -> bool:
+def _as_proved(
+    proved: Mapping[str, Any], result: RunResult, alone: TrackingError, improvement: float
+) -> bool:
     """At least half of the gain is there, with what the host plays where it has its part.
 
-    No gain was proved of ripple alone: the commit has seen that nothing is worse.
+    No gain was proved of ripple alone: the commit has seen that nothing is worse. What a drive without presliding holds
+    gives what was only predicted: of that as much is asked as the commit asks, `acceptance.improvement`.
     """
     if result.feedforward and all(map(is_ripple, result.feedforward)):
         return True
     before, after = proved["before"]["peak_error"], proved["after"]["peak_error"]
     held = proved.get("reduction") or {}  # what the drive was to give by itself, where that is less
+    if result.with_host is None and held and reduces(held["drive"]):
+        return bool(alone.peak_error <= (1.0 - improvement) * before)
     if result.with_host is None:
         after = held.get("predicted_peak_error") or after
     measured = result.with_host or alone

@@ -134,7 +134,10 @@ def order(tmp_path: Path, kind: str = "commit") -> tuple[Order, Tools]:
 
 
 FRICTION, RIPPLE = {"feedforward.coulomb": 0.3}, {"feedforward.ripple.gain": 1.0}
-PART = {"host": ["presliding"], "predicted_peak_error": 0.6}
+LUGRE = ["inertia", "viscous", "coulomb", "break_away", "stiffness", "micro_damping", "offset"]
+PART = {"drive": dict.fromkeys(LUGRE, 1.0), "host": ["presliding"], "predicted_peak_error": 0.6}
+LESS = PART | {"drive": {"inertia": 1.0, "coulomb": 0.3}, "host": []}
+"""Of a drive that knows no presliding: how much its part gives was predicted, and never measured before."""
 
 
 @pytest.mark.parametrize(
@@ -145,6 +148,9 @@ PART = {"host": ["presliding"], "predicted_peak_error": 0.6}
         (FRICTION, PART, 0.9, 0.2, "kept"),
         (FRICTION, PART, 0.9, 0.8, "rolled_back"),
         (FRICTION, PART | {"host": []}, 0.75, None, "kept"),
+        (FRICTION, PART | {"host": []}, 0.85, None, "rolled_back"),
+        (FRICTION, LESS, 0.85, None, "kept"),  # of 0.4 that were predicted less than half; 0.1 are asked for
+        (FRICTION, LESS, 0.95, None, "rolled_back"),
         (RIPPLE, {}, 1.0, None, "kept"),
         (FRICTION | RIPPLE, {}, 0.9, None, "rolled_back"),
     ],
