@@ -574,6 +574,8 @@ def _lags_after_all(state: SearchState) -> bool:
     state.progress("a lag of the loop, by another way of recording")
     problem, lagging = with_noise_of(*found)
     best = state.moved(problem, judged(problem, state.root, lagging, LAG))
+    if state.problem is before[0]:
+        return False
     known = before[2] is not None and before[2].named
     if best.named or (before[2] is not None and not known):
         state.freed.pop(LAG, None)  # of a rival: this one has its own law
@@ -644,8 +646,11 @@ def _cycles_do(state: SearchState, chosen: FittedCandidate) -> bool:
     if again is state.problem or bare.fitted.cost > least:
         return False
     state.progress("whole cycles in the place of a lag")
-    leads = chosen.effect if chosen.effect in bare.effects else bare.effects[-1]
-    state.chosen = state.moved(again, judged(again, state.root, bare, leads))
+    leads, before = chosen.effect if chosen.effect in bare.effects else bare.effects[-1], state.problem
+    moved = state.moved(again, judged(again, state.root, bare, leads))
+    if state.problem is before:
+        return False
+    state.chosen = moved
     return True
 
 

@@ -247,11 +247,11 @@ def _kept(
     state: SearchState, best: FittedCandidate, least: float, moved: Callable[[], FittedCandidate]
 ) -> FittedCandidate:
     """What the best candidate becomes where it is `moved` to; it, and the search, as they were unless it costs less
-    than `least` there.
+    than `least` there. What could not be moved (`SearchState.moved`) is a fit to another problem.
     """
     before = state.problem, state.root, state.tried
     there = moved()
-    if there.model_fit.fitted.cost < least:
+    if there.model_fit.fitted.cost < least and state.problem is not before[0]:
         return there
     state.problem, state.root, state.tried = before
     return best

@@ -213,22 +213,30 @@ def test_a_lag_that_is_not_taken_leaves_no_course_freed(monkeypatch: pytest.Monk
     state.evidence.apart = lambda *_: True
     lagging = item("spring", "torque_lag")
     monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: True)
-    monkeypatch.setattr(search, "lag_in_loop", lambda *_: (state.problem, lagging.model_fit))
+    monkeypatch.setattr(search, "lag_in_loop", lambda *_: (problem_of(), lagging.model_fit))
     monkeypatch.setattr(search, "explained_of_rest", lambda *_: [SimpleNamespace(share=1.0)])
     monkeypatch.setattr(search, "with_noise_of", lambda *found: found)
     monkeypatch.setattr(search, "judged", lambda *_: lagging)
-    monkeypatch.setattr(SearchState, "moved", lambda _, __, best: best)
+    before, taken = state.problem, []
+
+    def moved(state: SearchState, problem: Any, best: Item) -> Item:
+        state.problem = problem
+        return best
+
+    monkeypatch.setattr(SearchState, "moved", moved)
 
     state.freed = {"torque_lag": True}  # of a rival
 
     def take(state: SearchState, best: Item) -> None:
         assert state.freed == {}
+        taken.append(best)
         state.freed["spring"] = False
         state.chosen = item("spring", "torque_lag", named=False)
 
     monkeypatch.setattr(search, "take", take)
     assert not search._lags_after_all(state)
-    assert (state.chosen, state.freed) == (chosen, {"torque_lag": True})
+    assert taken == [lagging]
+    assert (state.problem, state.chosen, state.freed) == (before, chosen, {"torque_lag": True})
 
 
 def test_a_fit_that_is_unstable_in_another_problem_has_no_figures_there(
@@ -257,6 +265,35 @@ def test_where_the_root_is_unstable_all_stays_where_it_was(monkeypatch: pytest.M
     monkeypatch.setattr(rounds, "fitted_again", lambda *_: None)
     assert state.moved(again, best) is best
     assert (state.problem, state.root, state.tried) == before
+
+
+def test_what_could_not_be_moved_is_not_taken_with_the_figures_of_another_problem(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It leaves less there, and is compared here."""
+    best, there = item("spring"), item("spring", "torque_lag")
+    best.model_fit.fitted.cost, there.model_fit.fitted.cost = 1.0, 0.1
+    there.model_fit.free = ()
+    state = state_of(item("spring", "torque_lag"), (best,), monkeypatch)
+    chosen = state.chosen
+    assert chosen is not None
+    chosen.model_fit.fitted.cost = 1.0
+    before, state.problem.twin = (state.problem, state.root, state.tried, chosen), True
+    monkeypatch.setattr(rounds, "fitted_again", lambda *_: None)
+    again = problem_of()
+    assert settling._kept(state, best, 1.0, lambda: state.moved(again, there)) is best
+    state.evidence.apart = lambda *_: True
+    monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: True)
+    monkeypatch.setattr(search, "lag_in_loop", lambda *_: (again, there.model_fit))
+    monkeypatch.setattr(search, "explained_of_rest", lambda *_: [SimpleNamespace(share=1.0)])
+    monkeypatch.setattr(search, "with_noise_of", lambda *found: found)
+    monkeypatch.setattr(search, "judged", lambda *_: there)
+    monkeypatch.setattr(search, "take", lambda *_: pytest.fail("it is of another problem"))
+    assert not search._lags_after_all(state)
+    monkeypatch.setattr(search, "sees_late", lambda _: False)
+    monkeypatch.setattr(search, "cycles_in_place", lambda *_: [(again, there.model_fit)])
+    assert not search._cycles_do(state, chosen)
+    assert (state.problem, state.root, state.tried, state.chosen) == before
 
 
 @pytest.mark.parametrize("stable", [True, False])
