@@ -22,6 +22,7 @@ from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
     TimeLine,
     breathing_friction,
+    hunts_alike,
     limit_cycle,
     louder_than_all,
     time_driven_line,
@@ -106,6 +107,7 @@ class Facts:
         each_told: several effects without a name explain most, and each of them half of what the others leave.
         cut_short: the time of the search was up before all was asked.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
+        alike: whether the twin of the chosen model hunts as the axis does; looked for where it is named.
     """
 
     problem: Problem
@@ -126,6 +128,7 @@ class Facts:
     breathing: TimeLine | None = None
     overlooked: ScreenedCandidate | None = None
     hunts: float = 0.0
+    alike: bool = False
     climbing: bool = False
     unlike: str = ""
     edge: bool = False
@@ -419,6 +422,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     facts = replace(facts, each_told=_each_told(facts))
     named = (facts.accepted or facts.law_differs or bool(facts.contested)) and not facts.structured
     if named and chosen is not None:
+        facts = replace(facts, alike=hunts > 0.0 and hunts_alike(problem, chosen.model_fit.fitted.packed))
         facts = replace(facts, proportion=out_of_proportion(problem, root, chosen.model_fit))
         facts = replace(facts, relaxed=relaxing(problem, chosen.model_fit))
     if named and several and not rivals and PULL.name not in found.told_apart:

@@ -39,6 +39,7 @@ from autotune.diagnosis.wording import (
     DELAYED,
     DROWNED,
     HUNTS,
+    HUNTS_ALIKE,
     MANY_CONTACTS,
     NAMED,
     NONE,
@@ -351,7 +352,7 @@ def _alike(facts: Facts) -> bool:
 
 
 CASES: tuple[Case, ...] = (
-    Case("a limit cycle smooths its friction away", lambda f: f.hunts > 0.0, UNKNOWN, _hunts),
+    Case("a limit cycle smooths its friction away", lambda f: f.hunts > 0.0 and not f.alike, UNKNOWN, _hunts),
     Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown),
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
@@ -410,6 +411,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         [_unlike(facts)] * bool(effects)
         + [ALL_CONTACT] * (bool(effects) and facts.all_contact)
         + [DELAYED] * (bool(effects) and facts.delayed)
+        + [HUNTS_ALIKE.format(hertz=facts.hunts)] * (bool(effects) and facts.alike)
         + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]
         * (found.presliding is not None)
         + list(facts.base)

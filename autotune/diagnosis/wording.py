@@ -56,6 +56,11 @@ HUNTS = (
     "does, and what is left below that frequency is not its friction. Nothing is named. Lower the gains until it is "
     "quiet, and record again; play in the drive often is the cause."
 )
+HUNTS_ALIKE = (
+    "The axis hunts at {hertz:.0f} Hz, with more torque than its friction, and in the same loop the model with what is "
+    "named does so too. Friction is smoothed away while it does: lower the gains until it is quiet, and record again "
+    "before its parameters are used."
+)
 OFFSET = (
     "A constant of {size:.2g} {unit} acts beside friction, {percent} % of it: a weight, a cable, an amplifier's "
     "offset, or friction that is higher one way than the other by twice as much. While an axis slides these are the "
