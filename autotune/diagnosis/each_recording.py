@@ -43,10 +43,11 @@ from autotune.diagnosis.wording import (
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import TRAINING, VETO, Prepared
-from autotune.estimation.least_squares import standard_errors
+from autotune.estimation.least_squares import covariance
 from autotune.estimation.pieces import UNFITTED
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed, surface_parameter
+from autotune.models.reversal_memory import REVERSAL_MEMORY, contact, contact_remembers
 from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording
 
@@ -64,6 +65,7 @@ BASE = {
     "offset": "offset",
 }
 """Parameters of the base that are told where recordings differ by them, in words."""
+ELEMENTS_TORQUE = REVERSAL_MEMORY.surface("torque_")
 Searched = tuple[Found, Packed, tuple[str, ...]]
 """What a search comes to, with the model and what is to be said of it."""
 Judge = Callable[[Found, tuple[str, ...], Sequence[HoldoutResult]], "Diagnosis"]
@@ -370,7 +372,21 @@ def base_in_words(first: tuple[int, Problem, ModelFit], other: tuple[int, Proble
 
 
 def _base(problem: Problem, model_fit: ModelFit) -> dict[str, tuple[float, float]]:
-    """Parameters of the base and their standard errors, by name."""
-    errors, packed = standard_errors(model_fit.fitted, problem.training), model_fit.fitted.packed
-    pairs = zip(model_fit.free, errors, strict=True)
-    return {one.name: (float(packed.p[one.slot]), float(error)) for one, error in pairs if one.name in BASE}
+    """Parameters of the base and their standard errors, by name; Coulomb friction with the contact's own elements.
+
+    One recording's contact may be a bristle, and another one's many of which the bristle is a small part.
+    """
+    packed, free = model_fit.fitted.packed, model_fit.free
+    spread = covariance(model_fit.fitted, problem.training)
+    errors = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    base = {
+        one.name: (float(packed.p[one.slot]), float(error))
+        for one, error in zip(free, errors, strict=True)
+        if one.name in BASE
+    }
+    if "coulomb" in base and contact_remembers(packed.p, packed.on):
+        of_contact = [one.name == "coulomb" or one.name.startswith(ELEMENTS_TORQUE) for one in free]
+        level = np.array(of_contact, dtype=np.float64)
+        error = math.sqrt(max(float(level @ spread @ level), 0.0))
+        base["coulomb"] = contact(packed.p, packed.on)[0], error
+    return base

@@ -44,6 +44,7 @@ from autotune.diagnosis.wording import (
     NAMED,
     NONE,
     OWN_PRESLIDING,
+    PLAYED_ONCE,
     PRESLIDING_REST,
     SUSPECTED,
     TOLD_WITHOUT,
@@ -72,7 +73,7 @@ from autotune.estimation.bandwidth import prepared_both
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin, unseen_error
 from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.cross_validation import gain_and_z
-from autotune.estimation.data import TRAINING, Prepared
+from autotune.estimation.data import TRAINING, VETO, Prepared
 from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import with_misfit
 from autotune.estimation.policy import POLICY, Policy
@@ -423,7 +424,9 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     problem, root = facts.problem, facts.root
     said += [left_note(problem, final)] * (case.verdict == NAMED and facts.evidence.repeats)
     own_axis = bool(problem.data.metadata.fingerprint)
-    ask = next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis, _kinds(problem))
+    ask = next_experiment(
+        case.verdict, effects, confusable, confidence, chosen, own_axis, _kinds(problem), problem.has(VETO)
+    )
     return Diagnosis(
         case.verdict,
         effects,
@@ -446,11 +449,12 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
 
 def _doubts(facts: Facts, effects: tuple[str, ...]) -> tuple[str, ...]:
     """Why a name is not confirmed, in words."""
+    played_once = facts.evidence.repeats and facts.problem.has(VETO)
     reasons = {
         "no twin bears it out": not facts.problem.twin and facts.evidence.repeats,
-        "no trajectory that was not fitted bears it out": not facts.evidence.confirms(
-            facts.problem, effects, facts.carried
-        )
+        (
+            PLAYED_ONCE if played_once else "no trajectory that was not fitted bears it out"
+        ): not facts.evidence.confirms(facts.problem, effects, facts.carried)
         and (facts.problem.twin or not facts.evidence.repeats),
         "the veto trajectory hardly shows it": facts.veto_silent,
         "one experiment is not explained as the others are": bool(facts.unlike),

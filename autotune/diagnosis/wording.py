@@ -198,7 +198,11 @@ LEFT_BESIDE = (
 GIVEN_AS = (
     "Give it as a second file (autotune model diagnose FILE OTHER), or in this one, its rows labelled 'veto'."
 )
-"""How a trajectory reaches a diagnosis that confirms by it."""
+GIVEN_BESIDE = (
+    "Give it as a second file (autotune model diagnose FILE OTHER), beside the rows labelled 'veto' in this."
+)
+"""How a trajectory reaches a diagnosis that confirms by it, and how where one is there already."""
+PLAYED_ONCE = "the veto trajectory, of which no two repeats are alike, does not bear it out beyond chance"
 OTHER_STATE = (
     "These data hold {kinds} kinds of motion, each repeated, so another motion tells little more. Change one thing on "
     "the machine and record the same again: the load taken off, another payload, cold and warm. What changes with it "
@@ -206,7 +210,7 @@ OTHER_STATE = (
 )
 OTHER_TRAJECTORY = (
     "These data hold {kinds} kinds of motion, each repeated. Another trajectory confirms or refutes the name: other "
-    "strokes, speeds and places than these have; {how}. " + GIVEN_AS
+    "strokes, speeds and places than these have; {how}. {given}"
 )
 ALL_KINDS = 5
 """Kinds of motion among which every effect shows itself; as many as where nothing is known of what is missing."""
@@ -642,21 +646,24 @@ def next_experiment(
     chosen: FittedCandidate | None,
     own_axis: bool,
     kinds: int = 0,
+    has_veto: bool = False,
 ) -> str | None:
     """What to record next, where that would tell more; None where nothing is missing or all is confirmed.
 
     Args:
         kinds: how many motions these data hold that were played more than once.
+        has_veto: whether they hold a trajectory that was not fitted.
     """
+    given = GIVEN_BESIDE if has_veto else GIVEN_AS
     there = ALREADY_THERE * (kinds >= ALL_KINDS)
     if verdict == "ambiguous":
         return separating_experiment(confusable[0], own_axis) + there
     if verdict == "named" and confidence == "suspected":
         if not confusable and kinds >= ALL_KINDS:
-            return OTHER_TRAJECTORY.format(kinds=kinds, how=_how(own_axis))
+            return OTHER_TRAJECTORY.format(kinds=kinds, how=_how(own_axis), given=given)
         near = confusable[0] if confusable else effects
         said = separating_experiment(near, own_axis) + there
-        return f"{said}. A second trajectory confirms or refutes the name. {GIVEN_AS}"
+        return f"{said}. A second trajectory confirms or refutes the name. {given}"
     if verdict == "unknown" and kinds >= ALL_KINDS:
         return OTHER_STATE.format(kinds=kinds)
     if verdict == "unknown":

@@ -24,6 +24,7 @@ from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.layout import BREAK_AWAY, COULOMB, INERTIA, flag
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.table import EFFECTS
 from tests.support.axes import NOMINAL
 
@@ -252,7 +253,7 @@ def test_a_name_that_no_recording_shows_first_by_itself_is_not_confirmed(
 
 
 def test_a_base_that_differs_beyond_its_errors_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(each_recording, "standard_errors", lambda *_: np.array([0.002, 1e-4]))
+    monkeypatch.setattr(each_recording, "covariance", lambda *_: np.diag([0.002, 1e-4]) ** 2)
     slots = (("coulomb", COULOMB), ("inertia", INERTIA))
     free = [Free(name, slot, 0.0, 1.0, 0.1) for name, slot in slots]
     metadata = SimpleNamespace(motion_unit="rad", torque_unit="")
@@ -265,6 +266,28 @@ def test_a_base_that_differs_beyond_its_errors_is_said(monkeypatch: pytest.Monke
     said = base_in_words(fitted(1, 0.21), fitted(2, 0.17))
     assert said == "Recordings 1 and 2 come to a different base: Coulomb friction 0.21 and 0.17 N m."
     assert base_in_words(fitted(1, 0.21), fitted(2, 0.208)) == ""
+
+
+def test_a_contact_of_elements_is_compared_by_all_that_it_carries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bristle of 0.2 N m, and one of 0.01 beside elements of 0.19, which are known by their sum only."""
+    spread = np.array([[0.0102, -0.01], [-0.01, 0.0102]])
+    monkeypatch.setattr(each_recording, "covariance", lambda fitted, _: fitted.spread)
+    metadata = SimpleNamespace(motion_unit="rad", torque_unit="")
+    problem = SimpleNamespace(policy=POLICY, training=None, data=SimpleNamespace(metadata=metadata))
+    torque, reach = (REVERSAL_MEMORY.slot(name) for name in ("torque_1", "displacement_1"))
+    bristle = Free("coulomb", COULOMB, 0.0, 1.0, 0.1)
+    element = Free(REVERSAL_MEMORY.surface("torque_1"), torque, 0.0, 1.0, 0.1)
+
+    def fitted(number: int, coulomb: float, carried: float) -> tuple[int, SimpleNamespace, SimpleNamespace]:
+        packed = base_model(NOMINAL | {"coulomb": coulomb}).pack()
+        packed.on[flag(REVERSAL_MEMORY.name)] = carried > 0.0
+        packed.p[[torque, reach]] = carried, 0.5 * NOMINAL["coulomb"] / NOMINAL["stiffness"]
+        own = (bristle, element) if carried else (bristle,)
+        of_all = SimpleNamespace(packed=packed, spread=spread if carried else 4e-6 * np.eye(1))
+        return number, problem, SimpleNamespace(free=own, fitted=of_all)
+
+    assert base_in_words(fitted(1, 0.2, 0.0), fitted(2, 0.01, 0.19)) == ""
+    assert "0.3 and 0.2 N m" in base_in_words(fitted(1, 0.3, 0.0), fitted(2, 0.01, 0.19))
 
 
 def _verdict(word: str, *effects: str, confidence: str | None = None) -> Diagnosis:

@@ -22,7 +22,7 @@ from autotune.diagnosis.facts import Facts
 from autotune.diagnosis.free_shape import OtherProportion, Relaxed
 from autotune.diagnosis.starts import varying
 from autotune.diagnosis.verdict import CASES, _as_chosen, _doubts
-from autotune.diagnosis.wording import rms_unexplained
+from autotune.diagnosis.wording import PLAYED_ONCE, rms_unexplained
 from autotune.estimation.cross_validation import Explained, Unseen
 from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
@@ -139,7 +139,8 @@ def test_facts_lead_to_a_verdict(facts: dict[str, object], verdict: str) -> None
 def test_why_a_name_is_suspected_only_is_said() -> None:
     """One file with a veto trajectory may confirm a name; where it does not nobody could see why."""
     sure = {"veto_silent": False, "unlike": "", "little_told": False, "shared_out": False, "carried": ()}
-    problem = SimpleNamespace(twin=True)
+    roles = {"training"}
+    problem = SimpleNamespace(twin=True, has=lambda role: role in roles)
     evidence = SimpleNamespace(repeats=True, confirms=lambda *_: True)
     facts = SimpleNamespace(**sure, problem=problem, evidence=evidence)
     assert _doubts(facts, ("spring",)) == ()
@@ -149,7 +150,10 @@ def test_why_a_name_is_suspected_only_is_said() -> None:
         "no trajectory that was not fitted bears it out",
         "the veto trajectory hardly shows it",
     )
-    problem.twin, facts.veto_silent = False, False
+    roles.add("veto")
+    facts.veto_silent = False
+    assert _doubts(facts, ("spring",)) == (PLAYED_ONCE,)
+    problem.twin = False
     assert _doubts(facts, ("spring",)) == ("no twin bears it out",)
 
 

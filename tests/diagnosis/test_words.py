@@ -75,6 +75,19 @@ def test_a_name_that_nothing_resembles_asks_for_another_trajectory_and_no_motion
 
 
 @pytest.mark.parametrize("kinds", [2, 5])
+def test_rows_that_are_labelled_veto_are_not_asked_for_where_they_are_there(kinds: int) -> None:
+    without, with_veto = (
+        next_experiment("named", ("spring",), (), "suspected", None, False, kinds, has_veto)
+        for has_veto in (False, True)
+    )
+    assert without is not None
+    assert "in this one, its rows labelled 'veto'" in without
+    assert with_veto is not None
+    assert "as a second file" in with_veto
+    assert "in this one" not in with_veto
+
+
+@pytest.mark.parametrize("kinds", [2, 5])
 @pytest.mark.parametrize(("verdict", "confidence"), [("ambiguous", "suspected"), ("named", "suspected")])
 def test_a_motion_that_may_be_there_already_is_not_all_that_is_asked(
     verdict: str, confidence: str, kinds: int
