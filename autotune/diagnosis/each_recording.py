@@ -43,7 +43,7 @@ from autotune.diagnosis.wording import (
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import TRAINING, VETO, Prepared
-from autotune.estimation.least_squares import covariance
+from autotune.estimation.least_squares import covariance, standard_errors
 from autotune.estimation.pieces import UNFITTED
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed, surface_parameter
@@ -377,8 +377,7 @@ def _base(problem: Problem, model_fit: ModelFit) -> dict[str, tuple[float, float
     One recording's contact may be a bristle, and another one's many of which the bristle is a small part.
     """
     packed, free = model_fit.fitted.packed, model_fit.free
-    spread = covariance(model_fit.fitted, problem.training)
-    errors = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    errors = standard_errors(model_fit.fitted, problem.training)
     base = {
         one.name: (float(packed.p[one.slot]), float(error))
         for one, error in zip(free, errors, strict=True)
@@ -386,7 +385,7 @@ def _base(problem: Problem, model_fit: ModelFit) -> dict[str, tuple[float, float
     }
     if "coulomb" in base and contact_remembers(packed.p, packed.on):
         of_contact = [one.name == "coulomb" or one.name.startswith(ELEMENTS_TORQUE) for one in free]
-        level = np.array(of_contact, dtype=np.float64)
+        level, spread = np.array(of_contact, dtype=np.float64), covariance(model_fit.fitted, problem.training)
         error = math.sqrt(max(float(level @ spread @ level), 0.0))
         base["coulomb"] = contact(packed.p, packed.on)[0], error
     return base

@@ -690,7 +690,6 @@ def _beside_own_presliding(state: SearchState, found: Found) -> Found:
 
 def _rivals_in_the_climb(state: SearchState, found: Found, remembers: FittedCandidate) -> Found:
     """The same with the climb of the root in what may stand for the memory: by themselves its rivals lack it."""
-
     alone = len(remembers.model_fit.effects) < 2
     root, begun = found.root, remembers
     if alone:

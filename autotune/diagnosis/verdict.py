@@ -450,11 +450,10 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
 def _doubts(facts: Facts, effects: tuple[str, ...]) -> tuple[str, ...]:
     """Why a name is not confirmed, in words."""
     played_once = facts.evidence.repeats and facts.problem.has(VETO)
+    not_borne_out = PLAYED_ONCE if played_once else "no trajectory that was not fitted bears it out"
     reasons = {
         "no twin bears it out": not facts.problem.twin and facts.evidence.repeats,
-        (
-            PLAYED_ONCE if played_once else "no trajectory that was not fitted bears it out"
-        ): not facts.evidence.confirms(facts.problem, effects, facts.carried)
+        not_borne_out: not facts.evidence.confirms(facts.problem, effects, facts.carried)
         and (facts.problem.twin or not facts.evidence.repeats),
         "the veto trajectory hardly shows it": facts.veto_silent,
         "one experiment is not explained as the others are": bool(facts.unlike),

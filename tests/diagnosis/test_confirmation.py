@@ -253,7 +253,7 @@ def test_a_name_that_no_recording_shows_first_by_itself_is_not_confirmed(
 
 
 def test_a_base_that_differs_beyond_its_errors_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(each_recording, "covariance", lambda *_: np.diag([0.002, 1e-4]) ** 2)
+    monkeypatch.setattr(each_recording, "standard_errors", lambda *_: np.array([0.002, 1e-4]))
     slots = (("coulomb", COULOMB), ("inertia", INERTIA))
     free = [Free(name, slot, 0.0, 1.0, 0.1) for name, slot in slots]
     metadata = SimpleNamespace(motion_unit="rad", torque_unit="")
@@ -272,6 +272,7 @@ def test_a_contact_of_elements_is_compared_by_all_that_it_carries(monkeypatch: p
     """A bristle of 0.2 N m, and one of 0.01 beside elements of 0.19, which are known by their sum only."""
     spread = np.array([[0.0102, -0.01], [-0.01, 0.0102]])
     monkeypatch.setattr(each_recording, "covariance", lambda fitted, _: fitted.spread)
+    monkeypatch.setattr(each_recording, "standard_errors", lambda fitted, _: np.sqrt(np.diag(fitted.spread)))
     metadata = SimpleNamespace(motion_unit="rad", torque_unit="")
     problem = SimpleNamespace(policy=POLICY, training=None, data=SimpleNamespace(metadata=metadata))
     torque, reach = (REVERSAL_MEMORY.slot(name) for name in ("torque_1", "displacement_1"))

@@ -362,7 +362,7 @@ def limit_cycle(problem: Problem, coulomb: float) -> float:
     `coulomb` is its dry friction [N m]. A limit cycle has a phase of its own in every repeat, so that it is no part of
     the motion, and keeps the contact sliding to and fro: what is left below it is not friction as any model has it.
     """
-    level, hertz = max(_between_repeats(problem, problem.data.torque), default=(0.0, 0.0))
+    level, hertz = _between_repeats(problem, problem.data.torque)
     return hertz if level > coulomb else 0.0
 
 
@@ -379,7 +379,7 @@ def hunts_alike(problem: Problem, packed: Packed) -> bool:
     if not run.stable:
         return False
     torques = problem.data.torque, run.torque
-    (_, hertz), (_, its) = (max(_between_repeats(problem, one)) for one in torques)
+    (_, hertz), (_, its) = (_between_repeats(problem, one) for one in torques)
     if abs(hertz - its) > 0.5 * NARROW * hertz:
         return False
     loud, as_loud = (_level_at(problem, *one) for one in zip(torques, (hertz, its), strict=True))
@@ -390,19 +390,19 @@ def _level_at(problem: Problem, torque: Floats, hertz: float) -> float:
     """Level of a line over all repeats that are trained [N m], in whatever phase it is there."""
     powers = []
     for block in problem.data.blocks:
-        rows = block.by_repeat(problem.data.grid)
-        for first, last in zip(rows[:, 0], rows[:, -1], strict=True):
-            if block.role == TRAINING and block.repeats > 1:
-                at, power = _spectrum(torque[first : last + 1], problem.data.period)
-                powers.append(float(power[np.abs(at - hertz) <= NARROW * hertz].sum() * at[1]))
+        if block.role != TRAINING or block.repeats < 2:
+            continue
+        for rows in block.by_repeat(problem.data.grid):
+            at, power = _spectrum(torque[rows[0] : rows[-1] + 1], problem.data.period)
+            powers.append(float(power[np.abs(at - hertz) <= NARROW * hertz].sum() * at[1]))
     return math.sqrt(sum(powers) / max(len(powers), 1))
 
 
-def _between_repeats(problem: Problem, torque: Floats) -> list[tuple[float, float]]:
-    """Level [N m] and frequency [Hz] of a line that two repeats do not share, of each that is trained; zeros where
-    there is none, or a faint one.
+def _between_repeats(problem: Problem, torque: Floats) -> tuple[float, float]:
+    """Level [N m] and frequency [Hz] of the loudest line that two repeats of a trained experiment do not share; zeros
+    where there is none.
     """
-    data, found = problem.data, []
+    data, found = problem.data, [(0.0, 0.0)]
     for block in data.blocks:
         if block.role != TRAINING or block.repeats < 2:
             continue
@@ -413,7 +413,7 @@ def _between_repeats(problem: Problem, torque: Floats) -> list[tuple[float, floa
         one, other = (torque[rows[0] : rows[0] + count] for rows in (first, second))
         level, hertz = _loudest((one - other) / math.sqrt(2.0), data.period)
         found.append((level if level > LOUD * float(np.std(one)) else 0.0, hertz))
-    return found
+    return max(found)
 
 
 def _loudest(values: Floats, period: float) -> tuple[float, float]:
