@@ -23,9 +23,8 @@ from autotune.estimation.cross_validation import (
     there_and_back,
     where_others_tell,
 )
-from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.data import TRAINING, VETO, repeats_alike
 from autotune.estimation.least_squares import Fitted, Free
-from autotune.estimation.parts import repeats_alike
 from autotune.estimation.problem import Problem, Scales
 from autotune.models import layout
 from autotune.models.drive_model import (

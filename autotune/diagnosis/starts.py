@@ -20,8 +20,8 @@ from autotune.core.arrays import Floats, Integers
 from autotune.diagnosis.ripple_orders import find_orders
 from autotune.estimation.bias_corrected_fit import PROMISED, ModelFit, Projected
 from autotune.estimation.cross_validation import beyond_presliding
+from autotune.estimation.data import first_round, repeats_alike
 from autotune.estimation.least_squares import Fitted, Free, with_values
-from autotune.estimation.parts import first_round, repeats_alike
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import kind_of_pass
 from autotune.models import layout

@@ -60,10 +60,10 @@ from autotune.estimation.data import (
     prepare,
     stretches_of,
 )
-from autotune.estimation.parts import fitted_part
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import check_recording, guide_of, torque_of
 from autotune.recordings.held_rows import one_row_a_cycle
+from autotune.recordings.programme import fitted_part
 from autotune.recordings.recording import CONDITIONING, Recording
 from autotune.recordings.speed_points import as_steady_recordings, speed_points
 from autotune.signals.filters import low_pass, motion

@@ -16,9 +16,8 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.cross_validation import Unseen, held_out
-from autotune.estimation.data import TEST, TRAINING, Prepared
+from autotune.estimation.data import TEST, TRAINING, Prepared, first_round, spread
 from autotune.estimation.least_squares import Fitted, Free, done_alone, fitting, jacobian
-from autotune.estimation.parts import first_round, spread
 from autotune.estimation.problem import Correction, Problem, refit
 from autotune.estimation.residual import residual, residuals
 from autotune.models.drive_model import Packed

@@ -3,6 +3,10 @@
 Torque and motion are compared on a coarse grid that starts anew in every segment, so that the repeats of
 an experiment can be subtracted row by row. Segments `conditioning` are never fitted, `veto` only gates,
 `test` is only reported on; everything else is training data.
+
+Parts of it are as much as a fit looks at, and as much as its sensitivities need. What comes after the last fitted row
+(veto and test) need not be computed during a fit. Sensitivities are the same in every repeat of an experiment, as long
+as nothing but the motion decides them: they are taken on the first round and copied.
 """
 
 from __future__ import annotations
@@ -19,6 +23,8 @@ from numpy.typing import NDArray
 
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.errors import NotEnoughExcitation
+from autotune.models import layout
+from autotune.models.table import EFFECTS
 from autotune.recordings.checks import check_recording, torque_of
 from autotune.recordings.recording import CONDITIONING, Metadata, Recording, Segment, refuse_mixture
 from autotune.signals.filters import motion
@@ -37,6 +43,13 @@ STANDSTILL_SECONDS = 0.01
 CHUNK_SECONDS = 2.0
 TRAINING, VETO, TEST = "training", "veto", "test"
 _ROLES = {"veto": VETO, "test": TEST}
+SETTLED = 6.0
+"""Periods of the motion's cut-off: so far away a filter does not feel the end of what it is given."""
+FORGOTTEN = 20.0
+"""The same where nothing may be told from all the data: its slowest part falls to e^-48, less than rounding."""
+SAME_PLACE = 0.01
+"""Of the travel: repeats that are further apart are not the same motion."""
+_DRIFTING = [layout.flag(kind.name) for kind in EFFECTS.values() if kind.drifts]
 _Scalar = TypeVar("_Scalar", bound="np.generic[Any]")
 
 
@@ -558,3 +571,63 @@ def _grid(
         start += table.size
     grid = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
     return grid, tuple(blocks)
+
+
+def until_last(data: Prepared, rows: Flags, settled: float = SETTLED) -> Prepared:
+    """The data up to the last sample that these grid rows need; residuals are 0 after it."""
+    needed = data.grid[rows]
+    if len(needed) == 0:
+        return data
+    return until_sample(data, int(needed.max()) + len(data.taps) // 2 + 1, settled)
+
+
+def until_sample(data: Prepared, end: int, settled: float = SETTLED) -> Prepared:
+    """The data up to a sample, and as far beyond as filters need: so many periods of the motion's cut-off.
+
+    Where that ends just behind the beginning of a stretch, the stretch keeps as many rows as every one has.
+    """
+    end += math.ceil(settled / (data.motion_cutoff * data.period))
+    begun = [s for s in data.stretches if s.start < end]
+    stretches = (Stretch(s.start, min(s.stop, max(end, s.start + LEAST_ROWS)), s.closed) for s in begun)
+    return replace(data, stretches=tuple(stretches))
+
+
+def first_round(data: Prepared, on: Flags) -> Prepared:
+    """The data up to the end of the first repeats; all that is fitted where repeats are not alike.
+
+    What drifts makes them differ, and so does another place.
+    """
+    rows = data.role(TRAINING)
+    if not on[_DRIFTING].any():
+        for block in _alike(data):
+            rows[block.rows] = np.arange(block.repeats * block.count) < block.count
+    return until_last(data, rows)
+
+
+def spread(data: Prepared, columns: Floats, on: Flags) -> None:
+    """Copies what `first_round` gives of columns, shape (m, k), to the other repeats; other roles get 0."""
+    columns[~data.role(TRAINING)] = 0.0
+    if on[_DRIFTING].any():
+        return
+    for block in _alike(data):
+        part = columns[block.rows]
+        part[:] = np.tile(part[: block.count], (block.repeats, 1))
+
+
+def repeats_alike(data: Prepared) -> bool:
+    """Whether every fitted repeat is the same motion at the same place."""
+    repeated = [block for block in data.blocks if block.role == TRAINING and block.repeats > 1]
+    return len(_alike(data)) == len(repeated)
+
+
+def _alike(data: Prepared) -> list[Block]:
+    """Fitted blocks whose repeats are the same motion at the same place."""
+    position = data.position[data.grid]
+    apart = SAME_PLACE * float(np.ptp(position)) if len(position) else 0.0
+    found: list[Block] = []
+    for block in data.blocks:
+        if block.role == TRAINING and block.repeats > 1:
+            table = block.by_repeat(position)
+            if float(np.max(np.abs(table[1:] - table[0]))) <= apart:
+                found.append(block)
+    return found

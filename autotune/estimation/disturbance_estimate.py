@@ -25,10 +25,9 @@ from autotune.estimation.alignment import behind_current_loop, followed_late
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller import asked
 from autotune.estimation.controller_law import PositionController
-from autotune.estimation.data import TRAINING, VETO, Prepared
+from autotune.estimation.data import TRAINING, VETO, Prepared, until_sample
 from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, jitter_of
 from autotune.estimation.least_squares import followed
-from autotune.estimation.parts import until_sample
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import (
     Simulated,

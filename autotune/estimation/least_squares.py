@@ -14,8 +14,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.data import Prepared, Stretch
-from autotune.estimation.parts import first_round, spread, until_last
+from autotune.estimation.data import Prepared, Stretch, first_round, spread, until_last
 from autotune.estimation.residual import Motion, alike, kind_of_pass, residuals
 from autotune.models.drive_model import Packed
 from autotune.models.transmission import BETWEEN

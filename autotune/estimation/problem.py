@@ -14,10 +14,9 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.controller_law import PositionController
-from autotune.estimation.data import TRAINING, VETO, Block, Prepared
+from autotune.estimation.data import FORGOTTEN, TRAINING, VETO, Block, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.least_squares import Fitted, Free, done_together, fitting
-from autotune.estimation.parts import FORGOTTEN
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import Motion, alike, kind_of_pass, measured_motion, residual
 from autotune.estimation.twin import leading, steps_of_twin

@@ -17,9 +17,8 @@ from autotune.core.remembered import LastOf
 from autotune.core.side_by_side import on_each
 from autotune.estimation.alignment import followed_late
 from autotune.estimation.controller_law import PositionController
-from autotune.estimation.data import Prepared, Stretch
+from autotune.estimation.data import SETTLED, Prepared, Stretch, until_last
 from autotune.estimation.disturbance import Disturbance
-from autotune.estimation.parts import SETTLED, until_last
 from autotune.estimation.residual import (
     Motion,
     Simulated,

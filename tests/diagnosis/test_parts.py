@@ -7,9 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autotune.estimation.data import LEAST_ROWS, TRAINING, VETO, Prepared, Stretch, prepare
+from autotune.estimation.data import (
+    LEAST_ROWS,
+    TRAINING,
+    VETO,
+    Prepared,
+    Stretch,
+    first_round,
+    prepare,
+    until_last,
+    until_sample,
+)
 from autotune.estimation.least_squares import done_alone, done_together, fitting, jacobian, with_values
-from autotune.estimation.parts import first_round, until_last, until_sample
 from autotune.estimation.problem import base_free, new_problem
 from autotune.estimation.residual import measured_motion, residual
 from autotune.models import layout

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from autotune.estimation.bandwidth import prepared_both
-from autotune.estimation.parts import fitted_part
+from autotune.recordings.programme import fitted_part
 from autotune.recordings.recording import Metadata, Recording
 from tests.estimation.simulated import TRUE, recorded
 
