@@ -19,11 +19,10 @@ from autotune.diagnosis.candidates import (
 )
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
+from autotune.diagnosis.evidence.limit_cycle import hunts_alike, limit_cycle
 from autotune.diagnosis.evidence.time_driven import (
     TimeLine,
     breathing_friction,
-    hunts_alike,
-    limit_cycle,
     louder_than_all,
     time_driven_line,
     without_line,

@@ -68,60 +68,6 @@ def test_a_model_without_friction_has_no_level(monkeypatch: pytest.MonkeyPatch) 
     assert time_driven.breathing_friction(problem, model_fit) is None
 
 
-def _hunting(hertz: float, level: float) -> np.ndarray:
-    """A torque that hunts with this rms, in another phase in the second repeat, and a little noise; rows of 1 ms."""
-    clock = np.arange(2 * BLOCKS * COUNT) * 0.001
-    phase = np.where(clock < BLOCKS * COUNT * 0.001, 0.0, 2.0)
-    noise = 0.01 * np.random.default_rng(3).standard_normal(len(clock))
-    return math.sqrt(2.0) * level * np.sin(2.0 * np.pi * hertz * clock + phase) + noise
-
-
-@pytest.mark.parametrize(
-    ("level", "coulomb", "loud", "told"),
-    [(2.0, 1.0, 0.0, True), (0.5, 1.0, 0.0, False), (0.5, 0.0, 20.0, False), (0.0, 0.0, 0.0, False)],
-    ids=["more than friction", "less than friction", "hum beside much torque, no friction", "noise"],
-)
-def test_a_limit_cycle_is_told_where_it_outweighs_friction(
-    level: float, coulomb: float, loud: float, told: bool
-) -> None:
-    """Its level is that of a sine, amplitude over the root of two; its phase is another in the second repeat."""
-    problem, _ = _problem()
-    hum = _hunting(105.0, level)
-    motion = loud * np.sign(np.sin(2.0 * np.pi * np.arange(len(hum)) / COUNT))
-    problem.data.torque, problem.data.period = hum + motion, 0.001
-    assert time_driven.limit_cycle(problem, coulomb) == (pytest.approx(105.0, abs=2.5) if told else 0.0)
-
-
-@pytest.mark.parametrize(
-    ("hertz", "times", "stable", "alike"),
-    [
-        (105.0, 1.0, True, True),
-        (108.0, 1.3, True, True),
-        (118.0, 1.0, True, False),
-        (105.0, 0.5, True, False),
-        (105.0, 2.0, True, False),
-        (105.0, 0.0, True, False),
-        (105.0, 1.0, False, False),
-    ],
-    ids=["the same", "near", "elsewhere", "fainter", "louder", "quiet", "unstable"],
-)
-def test_a_twin_hunts_alike_at_the_frequency_and_with_the_torque_of_the_axis(
-    monkeypatch: pytest.MonkeyPatch, hertz: float, times: float, stable: bool, alike: bool
-) -> None:
-    problem, _ = _problem()
-    problem.data.torque, problem.data.period = _hunting(105.0, 2.0), 0.001
-    problem.twin, problem.controller, problem.disturbance = True, object(), None
-    run = SimpleNamespace(torque=_hunting(hertz, times * 2.0), stable=stable)
-    monkeypatch.setattr(time_driven, "run_twin", lambda *_: run)
-    assert time_driven.hunts_alike(problem, object()) is alike
-
-
-def test_a_model_without_a_twin_hunts_like_nothing() -> None:
-    problem, _ = _problem()
-    problem.twin = False
-    assert not time_driven.hunts_alike(problem, object())
-
-
 @pytest.mark.parametrize(
     ("sizes", "in_step", "repeated", "steady"),
     [
