@@ -22,7 +22,7 @@ from autotune.diagnosis.refits import (
     RIVAL_COST,
     differ_by_chance,
     in_place_of,
-    judged,
+    judged_again,
     negligible,
     refined,
     unsettled,
@@ -66,7 +66,7 @@ class Backward:
         if not negligible(problem, chosen, model_fit, PLAINLY_NEEDED):  # fitted again it went astray
             model_fit = chosen.model_fit
         model_fit = with_whole_orders(problem, model_fit)
-        return chosen if model_fit is chosen.model_fit else judged(problem, root, model_fit, chosen.effect)
+        return chosen if model_fit is chosen.model_fit else judged_again(problem, root, chosen, model_fit)
 
     def pruned(self, chosen: FittedCandidate, seen: Sequence[ModelFit]) -> FittedCandidate:
         """Drops every effect without which training and veto are hardly worse, or without which the rest has a name.
@@ -108,7 +108,8 @@ class Backward:
 
     def _without(self, chosen: FittedCandidate, effect: str) -> FittedCandidate | None:
         self.progress(f"is {effect} needed")
-        return without_effect(self.problem, self.root, chosen.model_fit, effect)
+        less = without_effect(self.problem, self.root, chosen.model_fit, effect)
+        return less.with_courses_of(chosen) if less is not None else None
 
     def enters_beside(self, less: FittedCandidate, current: FittedCandidate) -> bool:
         """Whether what the current model has more than `less` explains what is asked of a further effect."""
@@ -217,7 +218,7 @@ class Backward:
         self.progress(f"{item.effect} in the place of another")
         packed, free = item.model_fit.fitted.packed, list(item.model_fit.free)
         settled = fit_inside_twin(self.problem, packed, free, 2, effects)
-        return None if settled is None else judged(self.problem, self.root, settled, item.effect)
+        return None if settled is None else judged_again(self.problem, self.root, item, settled)
 
 
 def _loads(chosen: FittedCandidate) -> list[str]:

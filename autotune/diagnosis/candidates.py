@@ -6,8 +6,8 @@ And between a drive model with names and the vector that is fitted: free paramet
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -84,6 +84,8 @@ class FittedCandidate:
     Attributes:
         gain: fall of the squared error on unseen data, relative to the model without the effect.
         named: whether so much is explained that the effects can be named.
+        freed: those of its effects whose course is free, as their law differs; whether their own law would have named
+            them too.
     """
 
     effect: str
@@ -92,6 +94,13 @@ class FittedCandidate:
     training: Explained
     veto: Explained | None
     named: bool
+    freed: Mapping[str, bool] = field(default_factory=dict)
+
+    def with_courses_of(self, begun: FittedCandidate | None) -> FittedCandidate:
+        """The same with the marks of free courses of what its fit began with, of those effects that it has."""
+        freed = begun.freed if begun is not None else {}
+        own = {effect: named for effect, named in freed.items() if effect in self.model_fit.effects}
+        return replace(self, freed=own)
 
     @property
     def share(self) -> float:

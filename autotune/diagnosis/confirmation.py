@@ -130,7 +130,7 @@ def without(
         if len(chosen.model_fit.effects) < 2:
             return None
         less = without_effect(problem, root, chosen.model_fit, effect)
-        chosen = less if less is not None else chosen
+        chosen = less.with_courses_of(chosen) if less is not None else chosen
     return chosen
 
 
@@ -202,8 +202,7 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
     seen = [_held_out(found.problem, found.root, best.model_fit, effect, others) for effect in sorted(lost)]
     if not all(result is not None and result.lowers for result in seen):
         return found
-    freed = {effect: named for effect, named in found.freed.items() if effect in best.model_fit.effects}
-    return replace(found, chosen=best, freed=freed, told_apart=tuple(sorted(worse)))
+    return replace(found, chosen=best, told_apart=tuple(sorted(worse)))
 
 
 def in_words(carried: Sequence[HoldoutResult]) -> tuple[str, ...]:

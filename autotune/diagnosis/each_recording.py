@@ -220,10 +220,9 @@ def _without_unheld(
     less = without(found.problem, found.root, chosen, unheld) if chosen is not None and unheld else None
     if less is None:
         return None
-    freed = {effect: named for effect, named in found.freed.items() if effect not in unheld}
     names = " and ".join(unheld).replace("_", " ")
     said = (f"Recording {one.number} alone shows {names}, which is not named.", *said)
-    verdict = judge(replace(found, chosen=less, freed=freed), said, carried)
+    verdict = judge(replace(found, chosen=less), said, carried)
     return verdict if verdict.verdict == NAMED else None
 
 

@@ -411,8 +411,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     rivals = tuple(sought(problem, evidence, root, chosen, contest)) if chosen is not None else ()
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
     hunts = limit_cycle(problem, contact(root.fitted.packed.p, root.fitted.packed.on)[0])
-    effects = chosen.model_fit.effects if chosen is not None else ()
-    freed = {effect: named for effect, named in found.freed.items() if effect in effects}
+    freed = chosen.freed if chosen is not None else {}
     facts = Facts(
         *seen, found.first, found.tried, freed, found.presliding, hunts=hunts, base=found.base,
         spring=found.spring, unloaded=_unloaded(found, evidence), delayed=found.delayed, cut_short=found.cut_short,

@@ -19,7 +19,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, course_predicts, explained_of_rest
 from autotune.diagnosis.contact_laws import ROUNDS, resolved
-from autotune.diagnosis.refits import judged, taken_out
+from autotune.diagnosis.refits import judged_again, taken_out
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, FitStart, own_course, varying
 from autotune.estimation.alignment import followed_late
@@ -73,7 +73,7 @@ def with_free_shape(
         if not own_course(problem, settled, chosen.effect):
             continue
         if best is None or settled.fitted.cost < best.model_fit.fitted.cost:
-            best = replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+            best = replace(judged_again(problem, root, chosen, settled), gain=chosen.gain)
         if best.named:
             break
     return best

@@ -113,6 +113,13 @@ def judged(
     return replace(found, named=found.share >= needed_share(problem, found))
 
 
+def judged_again(
+    problem: Problem, root: ModelFit, chosen: FittedCandidate, settled: ModelFit
+) -> FittedCandidate:
+    """What a candidate explains whose model was fitted anew; courses that are free in it are so still."""
+    return judged(problem, root, settled, chosen.effect).with_courses_of(chosen)
+
+
 def _gain_beside(problem: Problem, before: ModelFit, settled: ModelFit) -> float:
     """Fall of the error on data that were not fitted, from a model to a settled one; see `gain_on_veto`."""
     if has_load(settled.fitted.packed.on) and problem.has_veto:
@@ -178,7 +185,7 @@ def with_contact(problem: Problem, root: ModelFit, chosen: FittedCandidate) -> F
     settled = fit_inside_twin(problem, best.packed, free, 2, model_fit.effects)
     if settled is None or settled.unseen.total >= model_fit.unseen.total:
         return chosen
-    return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+    return replace(judged_again(problem, root, chosen, settled), gain=chosen.gain)
 
 
 def without_effect(
@@ -209,7 +216,11 @@ def in_place_of(
     free += [one for one in other.free if one.slot in own]
     effects = tuple(rival.effect if name == effect else name for name in chosen.model_fit.effects)
     settled = fit_inside_twin(problem, packed, free, 2, effects)
-    return None if settled is None else judged(problem, root, settled, rival.effect)
+    if settled is None:
+        return None
+    found = judged(problem, root, settled, rival.effect).with_courses_of(chosen)
+    course = {name: named for name, named in rival.freed.items() if name == rival.effect}
+    return replace(found, freed={**found.freed, **course})
 
 
 def root_from(problem: Problem, root: ModelFit, model_fit: ModelFit) -> ModelFit | None:
@@ -269,7 +280,7 @@ def refined(problem: Problem, root: ModelFit, chosen: FittedCandidate, progress:
     """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
     damped = damped_as_twins_creep(problem, chosen.model_fit)
     if damped is not chosen.model_fit:
-        chosen = judged(problem, root, damped, chosen.effect)
+        chosen = judged_again(problem, root, chosen, damped)
     for _ in range(MOST_ROUNDS):
         model_fit = chosen.model_fit
         if model_fit.converged:
@@ -282,7 +293,7 @@ def refined(problem: Problem, root: ModelFit, chosen: FittedCandidate, progress:
             return replace(chosen, model_fit=replace(model_fit, converged=True))
         gained = 1.0 - better.fitted.cost / model_fit.fitted.cost
         converged = better.converged or gained < WORTH_ANOTHER_ROUND
-        chosen = judged(problem, root, replace(better, converged=converged), chosen.effect)
+        chosen = judged_again(problem, root, chosen, replace(better, converged=converged))
         if chosen.share >= REFINED:
             break
     return chosen
@@ -340,7 +351,7 @@ def with_own_noise(
     if settled is None or settled.fitted.cost > model_fit.fitted.cost:
         return problem, chosen
     quieter = _counted_anew(quieter, root, model_fit.fitted.packed)
-    return quieter, judged(quieter, root, settled, chosen.effect)
+    return quieter, judged_again(quieter, root, chosen, settled)
 
 
 def _counted_anew(problem: Problem, root: ModelFit, packed: Packed) -> Problem:
@@ -444,7 +455,7 @@ def in_quieter_twin(
         if settled is None or settled.fitted.cost > problem.policy.clearly_less * model_fit.fitted.cost:
             break
         problem = _counted_anew(quieter, root, packed)
-        chosen = judged(problem, root, settled, chosen.effect)
+        chosen = judged_again(problem, root, chosen, settled)
     return problem, chosen
 
 
@@ -475,7 +486,7 @@ def fitted_again(
     for item in candidates:
         own = item.model_fit
         after = fit_inside_twin(problem, own.fitted.packed, list(own.free), 2, own.effects)
-        again.append(None if after is None else judged(problem, before, after, item.effect))
+        again.append(None if after is None else judged_again(problem, before, item, after))
     return before, again
 
 

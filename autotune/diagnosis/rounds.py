@@ -109,7 +109,6 @@ class SearchState:
     tried: Sequence[FittedCandidate] = ()
     later: list[FittedCandidate] = field(default_factory=list)
     generic: Mapping[str, float] = field(default_factory=dict)
-    freed: dict[str, bool] = field(default_factory=dict)
     unloaded: ModelFit | None = None
     laws: Sequence[BaseLaw] = BASE_LAWS
     law_first: bool = False
@@ -123,7 +122,6 @@ class SearchState:
             chosen=chosen or self.chosen,
             seen=[*self.seen],
             later=[*self.later],
-            freed={**self.freed},
             kept=None,
         )
 
@@ -218,16 +216,13 @@ class SearchState:
         if shaped is None:
             return None
         if not EFFECTS[item.effect].approximate:  # elements are its own law, however many
-            self.freed.setdefault(item.effect, item.named)  # freed once more, it has not its own law
+            freed = {item.effect: item.named, **item.freed}  # freed once more, it has not its own law
+            shaped = replace(shaped, freed=freed)
         return (
             refined(self.problem, self.root, shaped, self.progress)
             if unsettled(self.problem, shaped)
             else shaped
         )
-
-    def still_freed(self) -> dict[str, bool]:
-        """Effects in the chosen model whose course is free; whether their own law would have named them too."""
-        return {effect: named for effect, named in self.freed.items() if effect in self.model_fit.effects}
 
     def more_to_explain(self, model_fit: ModelFit) -> bool:
         """Whether anything is left beyond doubt: certain to one standard error, or drifting."""
@@ -235,22 +230,7 @@ class SearchState:
 
 
 def next_best(state: SearchState, first: bool) -> FittedCandidate | None:
-    """The best of a round, looked for again where the model as it is does half of that from elsewhere.
-
-    A round fits effects by their own laws. That a rival of an earlier one has its course free says nothing of the same
-    effect beside what is chosen; nor does that of one which is not taken.
-    """
-    rivals = {effect: named for effect, named in state.freed.items() if effect not in state.model_fit.effects}
-    state.freed = state.still_freed()
-    best = _looked_for(state, first)
-    own = (best or state).model_fit.effects
-    beside = {effect: named for effect, named in rivals.items() if effect not in own}
-    state.freed = beside | {effect: named for effect, named in state.freed.items() if effect in own}
-    return best
-
-
-def _looked_for(state: SearchState, first: bool) -> FittedCandidate | None:
-    """The best of a round, and of those after it where its base or its loop was not right."""
+    """The best of a round, looked for again where its base or its loop was not right."""
     best = one_round(state, first)
     if best is not None and first and _rooted_anew(state, best):
         best = one_round(state, first)
@@ -406,6 +386,8 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
         fits = _as_beside(state, fits)
     if not any(item.named for item in fits):
         fits += _second_look(state, model_fit, ranked, passing)
+    if state.chosen is not None:
+        fits = [item.with_courses_of(state.chosen) for item in fits]
     state.seen += [item.model_fit for item in fits]
     fits = without_needless_gap(problem, fits)
     if first:
@@ -653,17 +635,13 @@ def _both_by_their_courses(state: SearchState, second: FittedCandidate) -> Fitte
     more.
     """
     chosen = state.chosen
-    if chosen is None or chosen.named or len(chosen.model_fit.effects) > 1 or chosen.effect in state.freed:
+    if chosen is None or chosen.named or len(chosen.model_fit.effects) > 1 or chosen.effect in chosen.freed:
         return None
     state.progress(f"another law of {chosen.effect}")
     both = with_free_shape(state.problem, state.root, state.nominal, replace(second, effect=chosen.effect))
     if both is None:
         return None
     both = replace(both, effect=second.effect, gain=second.gain)
-    if not both.named and second.effect not in state.freed:
+    if not both.named and second.effect not in both.freed:
         both = counted_beside(state.problem, state.model_fit, second, state.shaped(both) or both)
-    if not state.worth_having(both):
-        state.freed.pop(second.effect, None)
-        return None
-    state.freed[chosen.effect] = False
-    return both
+    return replace(both, freed={**both.freed, chosen.effect: False}) if state.worth_having(both) else None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 
 from autotune.core.time_limit import TimeIsUp, limited
 from autotune.diagnosis.backward import Backward
@@ -46,6 +46,7 @@ from autotune.diagnosis.refits import (
     in_place_of,
     inside_twin,
     judged,
+    judged_again,
     refined,
     settled_in,
     taken_out,
@@ -95,8 +96,6 @@ class Found:
         chosen: the model with all effects that were found; None where there are none.
         first: all candidates beside the root; `tried`: the best of them, fitted inside the twin.
         generic: gain of free functions of each coordinate.
-        freed: effects, and rivals of them, whose course is free, as their law differs; whether their own law would have
-            named them too.
         presliding: elements that the root has for a presliding of its own, as they were found.
         sliding: the problem where that contact slides, whatever its law; None where nothing depends on it.
         base: sentences on laws of the base that the root has and the model that was given has not.
@@ -116,7 +115,6 @@ class Found:
     first: Sequence[ScreenedCandidate]
     tried: Sequence[FittedCandidate]
     generic: Mapping[str, float]
-    freed: Mapping[str, bool] = field(default_factory=dict)
     presliding: FittedCandidate | None = None
     sliding: Problem | None = None
     base: tuple[str, ...] = ()
@@ -181,7 +179,7 @@ def _found_so_far(state: SearchState) -> Found:
 def _in_state(state: SearchState) -> Found:
     """What a search holds."""
     seen = (state.problem, state.root, state.chosen, state.first, state.tried, state.generic)
-    return Found(*seen, {**state.freed}, unloaded=state.unloaded)
+    return Found(*seen, unloaded=state.unloaded)
 
 
 def _found(state: SearchState) -> Found:
@@ -248,7 +246,7 @@ def _or_a_spring(state: SearchState, found: Found, chosen: FittedCandidate) -> F
 def _seek(state: SearchState) -> None:
     """Adds effects to the root, one beside the other, as long as they explain enough."""
     state.chosen, state.first, state.tried, state.generic = None, (), (), {}
-    state.seen, state.later, state.freed = [], [], {}
+    state.seen, state.later = [], []
     state.keep()
     _seek_on(state)
 
@@ -278,11 +276,10 @@ def _shaped_instead(state: SearchState, further: FittedCandidate) -> bool:
     that looks like it (a weight beside a spring that hardens) must predict clearly better than the course.
     """
     chosen = state.chosen
-    if state.evidence.repeats or chosen is None or len(chosen.model_fit.effects) > 1 or state.still_freed():
+    if state.evidence.repeats or chosen is None or len(chosen.model_fit.effects) > 1 or chosen.freed:
         return False
     shaped = state.shaped(chosen)
     if shaped is None or _predicts_more(state, shaped, further):
-        state.freed.pop(chosen.effect, None)
         return False
     state.chosen = shaped
     state.seen.append(shaped.model_fit)
@@ -475,6 +472,7 @@ def _motor_in_place(state: SearchState, chosen: FittedCandidate, effect: str) ->
     other = inside_twin(problem, root, before, item) if item is not None else None
     if other is None:
         return None
+    other = other.with_courses_of(chosen)
     other = state.shaped(other) or (
         refined(problem, root, other, state.progress) if unsettled(problem, other) else other
     )
@@ -500,7 +498,7 @@ def _drop_laws(state: SearchState, only_where_less_is_left: bool = False) -> Non
         root = law.removed(state.problem, state.root)
         if root is None:
             continue
-        plainer = judged(state.problem, root, less, state.chosen.effect)
+        plainer = judged_again(state.problem, root, state.chosen, less)
         if only_where_less_is_left:
             plainer = refined(state.problem, root, plainer, state.progress)
             if plainer.model_fit.fitted.cost >= state.chosen.model_fit.fitted.cost:
@@ -520,7 +518,8 @@ def _give_up(state: SearchState, law: BaseLaw, root: ModelFit, plainer: FittedCa
         for one in items:
             bare = plainer.model_fit if one.model_fit.effects == own else without(one.model_fit)
             if bare is not None:
-                again.append(judged(state.problem, root, bare, one.effect))
+                known = plainer if bare is plainer.model_fit else one
+                again.append(judged(state.problem, root, bare, one.effect).with_courses_of(known))
         return again
 
     tried, later = compared(state.tried), compared(state.later)
@@ -548,7 +547,7 @@ def _loaded_by_the_loop(state: SearchState) -> bool:
     if less is None or found is None:
         return False
     before = state.problem
-    bare = state.moved(found[0], replace(less, model_fit=found[1]))
+    bare = state.moved(found[0], replace(less, model_fit=found[1]).with_courses_of(chosen))
     if state.problem is before:
         return False
     state.chosen = bare
@@ -563,7 +562,7 @@ def _lags_after_all(state: SearchState) -> bool:
     without it. What a loop's lag does comes again in every repeat: where nothing of that is left beyond doubt, it is
     not asked.
     """
-    before, left = (state.problem, state.root, state.chosen, state.tried, {**state.freed}), state.model_fit
+    before, left = (state.problem, state.root, state.chosen, state.tried), state.model_fit
     asked = state.evidence.repeats and state.more_to_explain(left)
     found = lag_in_loop(state.problem, left) if asked else None
     if found is None or not state.evidence.apart(state.problem, found[1], left):
@@ -573,16 +572,15 @@ def _lags_after_all(state: SearchState) -> bool:
         return False
     state.progress("a lag of the loop, by another way of recording")
     problem, lagging = with_noise_of(*found)
-    best = state.moved(problem, judged(problem, state.root, lagging, LAG))
+    best = state.moved(problem, judged(problem, state.root, lagging, LAG).with_courses_of(state.chosen))
     if state.problem is before[0]:
         return False
     known = before[2] is not None and before[2].named
     if best.named or (before[2] is not None and not known):
-        state.freed.pop(LAG, None)  # of a rival: this one has its own law
         take(state, best)
         if not known or (state.chosen is not None and state.chosen.named):
             return True
-    state.problem, state.root, state.chosen, state.tried, state.freed = before
+    state.problem, state.root, state.chosen, state.tried = before
     return False
 
 
@@ -631,7 +629,10 @@ def _without_chains_lag(state: SearchState) -> None:
     if less is None or again is state.problem:
         return
     before = state.problem, state.root, state.tried
-    bare, least = state.moved(again, less), LEVEL_GROUND * chosen.model_fit.fitted.cost
+    bare, least = (
+        state.moved(again, less.with_courses_of(chosen)),
+        LEVEL_GROUND * chosen.model_fit.fitted.cost,
+    )
     if state.problem is not before[0] and bare.model_fit.fitted.cost <= least:
         state.chosen = bare
     else:
@@ -647,7 +648,7 @@ def _cycles_do(state: SearchState, chosen: FittedCandidate) -> bool:
         return False
     state.progress("whole cycles in the place of a lag")
     leads, before = chosen.effect if chosen.effect in bare.effects else bare.effects[-1], state.problem
-    moved = state.moved(again, judged(again, state.root, bare, leads))
+    moved = state.moved(again, judged(again, state.root, bare, leads).with_courses_of(chosen))
     if state.problem is before:
         return False
     state.chosen = moved
@@ -662,15 +663,11 @@ def _beside_own_presliding(state: SearchState, found: Found) -> Found:
         return found
     climbs = _remembered_beyond(state, own)
     if climbs is not None:
-        remembers = judged(state.problem, climbs, chosen.model_fit, chosen.effect)
+        remembers = judged_again(state.problem, climbs, chosen, chosen.model_fit)
         found = replace(found, root=climbs, chosen=remembers, presliding=chosen)
         return _rivals_in_the_climb(state, found, remembers)
     others = tuple(effect for effect in chosen.model_fit.effects if effect != MEMORY)
-    beside = (
-        replace(chosen, effect=others[-1], model_fit=replace(chosen.model_fit, effects=others))
-        if others
-        else None
-    )
+    beside = replace(_beside_elements(chosen), effect=others[-1]) if others else None
     beside = beside if beside is not None and _needed_beside(state, own, beside) else None
     alike = [_beside_elements(item) for item in found.exchanged if MEMORY in item.model_fit.effects]
     single = {item.effect: item for item in state.tried if item.effect != MEMORY}
@@ -699,7 +696,7 @@ def _rivals_in_the_climb(state: SearchState, found: Found, remembers: FittedCand
         own, new = exchanged_for(remembers, item)
         if own == {MEMORY} and len(new) == 1:
             return in_place_of(state.problem, root, begun, MEMORY, replace(item, effect=new.pop()))
-        return judged(state.problem, root, item.model_fit, item.effect)
+        return judged_again(state.problem, root, item, item.model_fit)
 
     again = [beside(item) for item in (found.tried if alone else found.exchanged)]
     fits = [item for item in again if item is not None]
@@ -709,7 +706,7 @@ def _rivals_in_the_climb(state: SearchState, found: Found, remembers: FittedCand
 def _beside_elements(item: FittedCandidate) -> FittedCandidate:
     """A fit with elements that are no memory: the root has them, and its effects are the others."""
     others = tuple(effect for effect in item.model_fit.effects if effect != MEMORY)
-    return replace(item, model_fit=replace(item.model_fit, effects=others))
+    return replace(item, model_fit=replace(item.model_fit, effects=others)).with_courses_of(item)
 
 
 def _begun_beside(state: SearchState, found: Found) -> Found:
@@ -743,7 +740,7 @@ def _begun_beside(state: SearchState, found: Found) -> Found:
     if chosen is None:
         return beside
     found = replace(beside, problem=again.problem, root=again.root, sliding=sliding)
-    return replace(found, chosen=chosen, freed=again.freed)
+    return replace(found, chosen=chosen)
 
 
 def _where_it_slides(state: SearchState, found: Found) -> Found:
@@ -759,7 +756,7 @@ def _where_it_slides(state: SearchState, found: Found) -> Found:
     sliding = beyond_presliding(state.problem, root.fitted.packed)
     if sliding is None or not _shares_with_repeats(state, sliding, chosen):
         return found
-    part = judged(sliding, root, chosen.model_fit, chosen.effect)
+    part = judged_again(sliding, root, chosen, chosen.model_fit)
     if part.share <= chosen.share:
         return found
     return replace(found, chosen=replace(part, gain=chosen.gain), sliding=sliding)
@@ -778,7 +775,7 @@ def _while_sliding(state: SearchState, sliding: Problem, chosen: FittedCandidate
     On the rows around it leaves what the law of presliding is not exactly, which no effect explains.
     """
     policy, root = state.problem.policy, state.root
-    part = judged(sliding, root, chosen.model_fit, chosen.effect)
+    part = judged_again(sliding, root, chosen, chosen.model_fit)
     least = policy.least_gain if state.evidence.repeats else policy.least_gain_single
     if part.training.fall < least * sliding.mean_square(root.fitted.error, TRAINING):
         return None
@@ -832,11 +829,9 @@ def _in_place(state: SearchState) -> list[FittedCandidate]:
     for item in _backward(state).exchanged(chosen, state.later, _like_the_first(state, chosen)):
         lost = set(chosen.model_fit.effects) - set(item.model_fit.effects)
         if len(lost) == 1 and state.evidence.explains_rest_of(state.problem, chosen, item):
-            known, shaped = {**state.freed}, state.shaped(item)
+            shaped = state.shaped(item)
             if shaped is not None and shaped.named and _leaves_less(state, shaped, chosen):
                 chosen, item = shaped, replace(chosen, effect=lost.pop())
-            else:
-                state.freed = known
         again.append(item)
     state.chosen = chosen
     return again

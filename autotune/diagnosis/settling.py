@@ -328,9 +328,8 @@ def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
     if state.chosen is not None:
         return _others_freed(state, best)
     for item in [one for one in state.tried if _contends(state, chosen, one, best is not chosen)]:
-        known, shaped = {**state.freed}, state.shaped(item)
+        shaped = state.shaped(item)
         if shaped is None or state.evidence.only_at_rests(state.problem, state.root, shaped):
-            state.freed = known
             continue
         state.tried = [shaped if one is item else one for one in state.tried]
         level = LEVEL_GROUND if shaped.named and not best.named else 1.0
@@ -349,15 +348,11 @@ def _others_freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidat
     for effect in chosen.model_fit.effects:
         if chosen.named and not (state.evidence.repeats and state.more_to_explain(chosen.model_fit)):
             break
-        if effect == chosen.effect or effect in state.freed:
+        if effect == chosen.effect or effect in chosen.freed:
             continue
         shaped = state.shaped(replace(chosen, effect=effect))
-        if shaped is None:
-            continue
-        if chosen.named and not shaped.named:
-            state.freed.pop(effect, None)
-            continue
-        chosen = replace(shaped, effect=chosen.effect)
+        if shaped is not None and (shaped.named or not chosen.named):
+            chosen = replace(shaped, effect=chosen.effect)
     return chosen
 
 
@@ -378,12 +373,10 @@ def spring_as_well(state: SearchState, best: FittedCandidate) -> FittedCandidate
         return best
     if not rather_a_spring(problem, root, best.model_fit):
         return best
-    known = {**state.freed}
     spring = state.shaped(straight) or straight
     predicts = state.evidence.repeats or predicts_better(problem, best.model_fit, spring.model_fit)
     left = [error_left(problem, one.model_fit) for one in (spring, best)]
     if not predicts or (left[0] >= left[1] and not state.evidence.comes_near(problem, root, best, spring)):
-        state.freed = known
         return best
     others = [one for one in state.tried if one.effect not in (spring.effect, best.effect)]
     state.tried = [*others, best, spring]
@@ -418,13 +411,11 @@ def _first_exchanged(state: SearchState, chosen: FittedCandidate) -> FittedCandi
         other = in_place_of(state.problem, state.root, chosen, first, item)
         if other is None:
             continue
-        freed, other = {**state.freed}, state.shaped(other) or other
+        other = state.shaped(other) or other
         left = [error_left(state.problem, one.model_fit) for one in (other, chosen)]
         if left[0] < left[1]:  # the one that it takes the place of stays a rival: a fit of the last round
             last = item.effect if chosen.effect == first else chosen.effect
             chosen, first = replace(other, effect=last), item.effect
-        else:
-            state.freed = freed
     return chosen
 
 
@@ -472,7 +463,7 @@ def _begun_anew(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
         again = _from_best_start(state, chosen, effect, alone)
         left = error_left(state.problem, chosen.model_fit)
         if again is not None and error_left(state.problem, again.model_fit) < policy.clearly_less * left:
-            chosen = replace(again, effect=chosen.effect, gain=chosen.gain)
+            chosen = replace(again, effect=chosen.effect, gain=chosen.gain, freed=chosen.freed)
     return chosen
 
 

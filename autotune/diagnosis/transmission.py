@@ -21,7 +21,7 @@ from autotune.diagnosis.candidates import (
     explains_rest,
     leaves_about_as_little,
 )
-from autotune.diagnosis.refits import NEARLY, REFINED, judged, refined, with_effects
+from autotune.diagnosis.refits import NEARLY, REFINED, judged, judged_again, refined, with_effects
 from autotune.diagnosis.starts import Context, FitStart, led_on, scattered, scouted, starts_of, varying
 from autotune.estimation.bias_corrected_fit import FreeAt, ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.data import VETO
@@ -249,7 +249,7 @@ def other_contact_tried(
         ]
         target = least * chosen.model_fit.fitted.cost
         settled = fit_from_starts(problem, led, 0.0, free, model_fit.effects, target)
-        chosen = _instead(problem, root, chosen, settled, chosen.effect, least)
+        chosen = _instead(problem, root, chosen, settled, least)
     if chosen is begun:
         return chosen
     return masses_led_on(problem, root, refined(problem, root, chosen, progress), progress)
@@ -290,7 +290,7 @@ def other_spring_tried(
     least, creeping = policy.clearly_less, creeps(place.p, place.on)
     for law in (_hardening(problem, [place]), _relaxing([place])):
         settled = _other_spring(problem, model_fit, law, lambda _: model_fit.free, model_fit.effects)
-        better = _instead(problem, root, chosen, settled, chosen.effect, 1.0)
+        better = _instead(problem, root, chosen, settled, 1.0)
         if better is chosen:
             continue
         rings = creeping and not creeps(better.model_fit.fitted.packed.p, place.on)
@@ -336,7 +336,8 @@ def _held_against_springs(
         settled = _other_spring(problem, model_fit, law, free, effects)
         if settled is None:
             continue
-        found.append(replace(judged(problem, root, settled, exchange.leads(gap)), gain=gap.gain))
+        other = judged(problem, root, settled, exchange.leads(gap)).with_courses_of(gap)
+        found.append(replace(other, gain=gap.gain))
         if error_left(problem, settled) <= least * error_left(problem, model_fit):
             return found[-1], None
     return gap, min(found, key=lambda one: error_left(problem, one.model_fit), default=None)
@@ -427,7 +428,7 @@ def masses_led_on(
     settled = fit_inside_twin(problem, packed, list(model_fit.free), 2, model_fit.effects)
     if settled is None or settled.fitted.cost >= model_fit.fitted.cost:
         return chosen
-    return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+    return replace(judged_again(problem, root, chosen, settled), gain=chosen.gain)
 
 
 def masses_scattered(
@@ -446,7 +447,7 @@ def masses_scattered(
     for packed in scattered(problem, model_fit):
         settled = fit_inside_twin(problem, packed, list(model_fit.free), 2, model_fit.effects)
         if settled is not None:
-            other = replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+            other = replace(judged_again(problem, root, chosen, settled), gain=chosen.gain)
             best = other if other.training.share > best.training.share else best
     return chosen if best is chosen else masses_led_on(problem, root, best, progress)
 
@@ -485,17 +486,12 @@ def _with_impact(p: Floats) -> list[Floats]:
 
 
 def _instead(
-    problem: Problem,
-    root: ModelFit,
-    chosen: FittedCandidate,
-    settled: ModelFit | None,
-    effect: str,
-    least: float,
+    problem: Problem, root: ModelFit, chosen: FittedCandidate, settled: ModelFit | None, least: float
 ) -> FittedCandidate:
     """Another model in place of the chosen one where it leaves at most `least` of its error."""
     if settled is None or error_left(problem, settled) > least * error_left(problem, chosen.model_fit):
         return chosen
-    return replace(judged(problem, root, settled, effect), gain=chosen.gain)
+    return replace(judged_again(problem, root, chosen, settled), gain=chosen.gain)
 
 
 def _as_large(start: FitStart, packed: Packed) -> list[Free]:
@@ -552,7 +548,8 @@ class _Exchange:
         settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
         if settled is None:
             return None
-        return replace(judged(problem, root, settled, self.leads(chosen)), gain=chosen.gain)
+        other = judged(problem, root, settled, self.leads(chosen)).with_courses_of(chosen)
+        return replace(other, gain=chosen.gain)
 
     def leads(self, chosen: FittedCandidate) -> str:
         """The effect that leads with the new one in place of the old one."""

@@ -29,6 +29,7 @@ from autotune.models.elastic_transmission import CRITICAL
 from autotune.models.start_values import Vary
 from autotune.models.table import EFFECTS
 from tests.support.axes import NOMINAL
+from tests.support.fitted import Item
 
 
 @pytest.mark.parametrize(
@@ -566,9 +567,9 @@ def test_what_stands_beside_a_doubtful_second_mass_keeps_its_name(
     noise lowered 14 % of the whole.
     """
 
-    def candidate(effects: tuple[str, ...], error: float) -> SimpleNamespace:
+    def candidate(effects: tuple[str, ...], error: float) -> Item:
         fitted = SimpleNamespace(effects=effects, fitted=SimpleNamespace(error=error))
-        return SimpleNamespace(model_fit=fitted, named=named)
+        return Item(effects[-1], fitted, named=named)
 
     alone, both = candidate(("stribeck",), 1.0), candidate(("stribeck", "elastic_transmission"), left)
     monkeypatch.setattr(
@@ -614,9 +615,8 @@ def test_a_transmission_beside_a_pressed_contact_must_do_more_than_tell_what_pre
     monkeypatch: pytest.MonkeyPatch, between: str, stiff: bool, kept: int
 ) -> None:
     """Load dependence with preload was named with a spring of 142 Hz; one that nobody could see did as well."""
-    alone = SimpleNamespace(model_fit=SimpleNamespace(effects=("load_dependent_friction",)))
     pressed = ("load_dependent_friction", between)
-    both = SimpleNamespace(model_fit=SimpleNamespace(effects=pressed))
+    alone, both = (Item(one[-1], SimpleNamespace(effects=one)) for one in (pressed[:1], pressed))
     monkeypatch.setattr(backward, "without_effect", lambda *_: alone)
     monkeypatch.setattr(backward, "stiff_as_well", lambda *_: stiff)
     steps = backward.Backward(None, None, SimpleNamespace(repeats=True), no_progress)
@@ -703,8 +703,8 @@ def test_what_the_veto_does_not_bear_out_goes_though_nothing_is_named_without_it
     def fit(cost: float, *effects: str) -> SimpleNamespace:
         return SimpleNamespace(effects=effects, fitted=SimpleNamespace(cost=cost))
 
-    def item(cost: float, *effects: str, named: bool) -> SimpleNamespace:
-        return SimpleNamespace(effect=effects[-1], named=named, model_fit=fit(cost, *effects))
+    def item(cost: float, *effects: str, named: bool) -> Item:
+        return Item(effects[-1], fit(cost, *effects), named=named)
 
     both = item(0.1, "load_dependent_friction", "nonlinear_viscous", named=True)
     alone = item(without, "load_dependent_friction", named=False)

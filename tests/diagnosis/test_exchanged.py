@@ -93,7 +93,7 @@ def test_what_a_rival_left_of_an_earlier_torque_does_not_rule_it_out(
     rival.model_fit.free = ()
     monkeypatch.setattr(Backward, "_of_these_data", lambda *_: now)
     monkeypatch.setattr(backward, "fit_inside_twin", lambda *_: rival.model_fit)
-    monkeypatch.setattr(backward, "judged", lambda *_: rival)
+    monkeypatch.setattr(backward, "judged_again", lambda *_: rival)
     given: Any = (problem_of(), None, None, no_progress)
     assert (Backward(*given)._in_place(chosen, rival) is rival) is asked
 
@@ -207,11 +207,11 @@ def test_cycles_in_the_place_of_a_lag_move_what_was_tried(monkeypatch: pytest.Mo
 
 
 def test_a_lag_that_is_not_taken_leaves_no_course_freed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside the lag the course of the spring was free; without it the spring has its own law again."""
-    chosen = item("spring")
-    state = state_of(chosen, (chosen,), monkeypatch)
+    """Beside the lag the course of the ripple was free; without it the ripple has its own law again."""
+    chosen = item("torque_ripple", "spring", freed={"spring": False})
+    state = state_of(chosen, (chosen, item("torque_lag", freed={"torque_lag": True})), monkeypatch)
     state.evidence.apart = lambda *_: True
-    lagging = item("spring", "torque_lag")
+    lagging = item("torque_ripple", "spring", "torque_lag")
     monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: True)
     monkeypatch.setattr(search, "lag_in_loop", lambda *_: (problem_of(), lagging.model_fit))
     monkeypatch.setattr(search, "explained_of_rest", lambda *_: [SimpleNamespace(share=1.0)])
@@ -225,18 +225,17 @@ def test_a_lag_that_is_not_taken_leaves_no_course_freed(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(SearchState, "moved", moved)
 
-    state.freed = {"torque_lag": True}  # of a rival
-
     def take(state: SearchState, best: Item) -> None:
-        assert state.freed == {}
+        assert best.freed == {"spring": False}, (
+            "as the spring has it; the lag has its own law, not its rival's"
+        )
         taken.append(best)
-        state.freed["spring"] = False
-        state.chosen = item("spring", "torque_lag", named=False)
+        state.chosen = replace(lagging, named=False, freed={**best.freed, "torque_ripple": False})
 
     monkeypatch.setattr(search, "take", take)
     assert not search._lags_after_all(state)
-    assert taken == [lagging]
-    assert (state.problem, state.chosen, state.freed) == (before, chosen, {"torque_lag": True})
+    assert [one.model_fit for one in taken] == [lagging.model_fit]
+    assert (state.problem, state.chosen) == (before, chosen)
 
 
 def test_a_fit_that_is_unstable_in_another_problem_has_no_figures_there(
@@ -421,7 +420,7 @@ def test_rivals_of_a_memory_beside_a_climb_climb_too(
         "with_own_presliding": "own",
         "_remembered_beyond": root,
         "in_place_of": in_place_of,
-        "judged": lambda _, __, model_fit, effect: item(*model_fit.effects, left=model_fit.left),
+        "judged_again": lambda _, __, one, model_fit: item(*model_fit.effects, left=model_fit.left),
         "replace": _replaced,
     }.items():
         value = value if callable(value) else lambda *_, value=value: value
@@ -502,75 +501,78 @@ def _replaced(one: Any, **changes: Any) -> Any:
 
 def test_a_rival_that_is_told_from_what_was_chosen_keeps_its_course(monkeypatch: pytest.MonkeyPatch) -> None:
     """On another recording the rival errs less; that its course was free was forgotten with the search."""
-    chosen, rival = item("gravity_imbalance"), item("spring")
+    chosen, rival = item("gravity_imbalance"), item("spring", freed={"spring": False})
     state = state_of(chosen, (chosen, rival), monkeypatch)
-    state.freed = {"spring": False}
     left = {"gravity_imbalance": 2.0, "spring": 1.0}
     monkeypatch.setattr(confirmation, "_pieces", lambda _, fit: Unseen(np.full(10, left[fit.effects[0]])))
     monkeypatch.setattr(confirmation, "without_own_course", lambda *_: [])
     monkeypatch.setattr(confirmation, "_held_out", lambda *_: SimpleNamespace(lowers=True))
     found = confirmation.told_apart(search._in_state(state), ("gravity_imbalance", "spring"), [])
     assert found.chosen is rival
-    assert found.freed == {"spring": False}
+    assert found.chosen.freed == {"spring": False}
 
 
-@pytest.mark.parametrize(
-    ("found", "freed"),
-    [
-        (("gravity_imbalance", "spring"), {"gravity_imbalance": True}),
-        (("gravity_imbalance", "stribeck"), {"gravity_imbalance": True, "spring": False}),
-        (None, {"gravity_imbalance": True, "spring": False}),
-    ],
-    ids=["it is taken", "another one", "nothing"],
-)
-def test_a_rival_with_a_free_course_is_taken_later_by_its_own_law(
-    monkeypatch: pytest.MonkeyPatch, found: tuple[str, ...] | None, freed: dict[str, bool]
-) -> None:
+def test_a_rival_with_a_free_course_is_taken_later_by_its_own_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """A spring's course was free as a weight's rival; beside the weight it was told to differ, and never freed."""
-    chosen, seen = item("gravity_imbalance"), []
-    state = state_of(chosen, (chosen, item("spring")), monkeypatch)
-    state.freed = {"gravity_imbalance": True, "spring": False}
-
-    def one_round(state: SearchState, _: bool) -> Item | None:
-        seen.append({**state.freed})
-        state.freed["dwell_time_break_away"] = False  # its course did not help
-        return None if found is None else item(*found)
-
-    monkeypatch.setattr(rounds, "one_round", one_round)
-    monkeypatch.setattr(rounds, "_looped_anew", lambda *_: False)
-    rounds.next_best(state, first=False)
-    assert seen == [{"gravity_imbalance": True}]
-    assert state.freed == freed
-
-
-def test_a_further_effect_by_a_course_of_its_own_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen = item("gravity_imbalance")
-    state = state_of(chosen, (chosen,), monkeypatch)
-
-    def one_round(state: SearchState, _: bool) -> Item:
-        state.freed["spring"] = False
-        return item("gravity_imbalance", "spring")
-
-    monkeypatch.setattr(rounds, "one_round", one_round)
-    monkeypatch.setattr(rounds, "_looped_anew", lambda *_: False)
-    rounds.next_best(state, first=False)
-    assert state.freed == {"spring": False}
+    chosen = item("gravity_imbalance", freed={"gravity_imbalance": True})
+    state = state_of(chosen, (chosen, item("spring", freed={"spring": False})), monkeypatch)
+    state.evidence.repeats, state.evidence.worth_fitting = False, lambda *_: []
+    for name, value in {
+        "least_fall": 0.0,
+        "rank": [],
+        "_fit_down": [item("gravity_imbalance", "spring")],
+        "without_needless_gap": lambda _, fits: fits,
+        "_best": lambda _, fits: fits[0],
+        "_law_before": False,
+    }.items():
+        value = value if callable(value) else lambda *_, value=value: value
+        monkeypatch.setattr(rounds, name, value)
+    best = rounds.one_round(state, first=False)
+    assert best is not None
+    assert best.freed == {"gravity_imbalance": True}
 
 
 def test_a_course_that_is_freed_once_more_was_not_named_by_its_own_law(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     state = state_of(None, (), monkeypatch)
-    monkeypatch.setattr(rounds, "with_free_shape", lambda *_: item("spring"))
+    monkeypatch.setattr(rounds, "with_free_shape", lambda *_: item("stribeck", "spring"))
     monkeypatch.setattr(rounds, "unsettled", lambda *_: False)
-    for named in (False, True):
-        state.shaped(item("spring", named=named))
-    assert state.freed == {"spring": False}
+    once = state.shaped(item("stribeck", "spring", named=False, freed={"stribeck": True}))
+    assert once is not None
+    assert once.freed == {"stribeck": True, "spring": False}
+    again = state.shaped(replace(once, named=True))
+    assert again is not None
+    assert again.freed == once.freed
 
 
-def _course_for(state: SearchState, one: Item) -> Item:
-    state.freed[one.effect] = False
-    return item(*one.model_fit.effects, left=1.5)
+def test_a_fit_has_the_free_courses_of_what_it_began_with_and_of_what_is_put_in_a_place_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is not among its effects any more may come back by its own law."""
+    begun = item("spring", "torque_ripple", freed={"spring": False, "torque_ripple": True})
+    rival = item(
+        "torque_ripple", "gravity_imbalance", freed={"torque_ripple": False, "gravity_imbalance": False}
+    )
+    for one in (begun, rival):
+        one.model_fit.fitted.packed.p, one.model_fit.free = None, ()
+    root = SimpleNamespace(free=())
+    for name in ("taken_out", "with_effects"):
+        monkeypatch.setattr(refits, name, lambda *_: None)
+    monkeypatch.setattr(refits, "fit_inside_twin", lambda *told: item(*told[4]).model_fit)
+    monkeypatch.setattr(refits, "judged", lambda _, __, fit, effect: Item(effect, fit))
+    found = refits.in_place_of(None, root, begun, "spring", rival)
+    assert found is not None
+    assert found.model_fit.effects == ("gravity_imbalance", "torque_ripple")
+    assert found.freed == {"torque_ripple": True, "gravity_imbalance": False}
+    assert refits.judged_again(None, root, begun, item("torque_ripple").model_fit).freed == {
+        "torque_ripple": True
+    }
+    assert begun.with_courses_of(None).freed == {}
+
+
+def _course_for(_: SearchState, one: Item) -> Item:
+    return item(*one.model_fit.effects, left=1.5, freed={one.effect: False})
 
 
 def test_a_course_that_is_not_taken_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -580,26 +582,25 @@ def test_a_course_that_is_not_taken_is_not_told(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(SearchState, "shaped", _course_for)
     monkeypatch.setattr(settling, "_contends", lambda _, best, one, __: one.effect != best.effect)
     state.evidence = SimpleNamespace(repeats=True, only_at_rests=lambda *_: True, comes_near=lambda *_: False)
-    assert settling._freed(state, chosen).effect == "gravity_imbalance"
-    assert (state.tried[1], state.freed) == (rival, {"gravity_imbalance": False})
+    best = settling._freed(state, chosen)
+    assert (best.effect, best.freed) == ("gravity_imbalance", {"gravity_imbalance": False})
+    assert state.tried[1] is rival
 
     monkeypatch.setattr(settling, "without_own_course", lambda *_: ["gravity_imbalance"])
     monkeypatch.setattr(settling, "rather_a_spring", lambda *_: True)
-    state.freed, straight = {}, item("spring")
+    straight = item("spring")
     monkeypatch.setattr(settling, "_pulling", lambda _: straight_of(straight))
     assert settling.spring_as_well(state, chosen) is chosen
-    assert state.freed == {}
 
     pair, other = item("gravity_imbalance", "stribeck"), item("spring", "stribeck", left=2.0)
     monkeypatch.setattr(settling, "in_place_of", lambda *_: other)
     assert settling._first_exchanged(state, pair) is pair
-    assert state.freed == {}
 
     state.chosen = pair
     state.evidence.explains_rest_of = lambda *_: True
     monkeypatch.setattr(search, "_backward", lambda _: SimpleNamespace(exchanged=lambda *_: [other]))
     assert search._in_place(state) == [other]
-    assert state.freed == {}
+    assert (state.chosen, other.freed) == (pair, {})
 
 
 def straight_of(one: Item) -> SimpleNamespace:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -195,7 +196,7 @@ def test_twins_with_two_masses_are_shaken_less_as_long_as_they_leave_clearly_les
     monkeypatch.setattr(refits, "fit_inside_twin", fitted)
     monkeypatch.setattr(refits, "with_expected_noise", lambda problem, _: problem)
     monkeypatch.setattr(
-        refits, "judged", lambda _, __, fit, effect: SimpleNamespace(model_fit=fit, effect=effect)
+        refits, "judged_again", lambda _, __, one, fit: SimpleNamespace(model_fit=fit, effect=one.effect)
     )
     loud = _Shaken(Disturbance(1.0, 0.0, 0.0, 0.0, 0.0))
     begun = SimpleNamespace(model_fit=fitted(loud), effect="backlash")
@@ -218,7 +219,7 @@ def test_what_counts_make_is_that_of_a_twin_as_loud_as_it_is(
     monkeypatch.setattr(refits, "fit_inside_twin", lambda *_: _costs("chosen", 0.5))
     monkeypatch.setattr(refits, "with_expected_noise", lambda problem, _: problem)
     monkeypatch.setattr(refits, "with_counts", counted)
-    monkeypatch.setattr(refits, "judged", lambda problem, *_: SimpleNamespace(counts=problem.by_counts))
+    monkeypatch.setattr(refits, "judged_again", lambda problem, *_: SimpleNamespace(counts=problem.by_counts))
     loud = _Shaken(Disturbance(1.0, 0.0, 0.0, 0.0, 0.0), loads, by_counts=("before",) if known else None)
     quiet = loud.disturbance.louder(0.5)
     monkeypatch.setattr(refits, "estimate_disturbance", lambda *_: quiet)
@@ -419,6 +420,7 @@ class _Fitted:
     named: bool = False
     gain: float = 0.3
     effects: tuple[str, ...] = ()
+    freed: Mapping[str, bool] = field(default_factory=dict)
 
     @property
     def model_fit(self) -> object:
@@ -457,7 +459,7 @@ def test_two_effects_by_other_laws_have_their_courses_together(
 
     Alone neither course explained clearly more, and the verdict was "none of the known effects explains".
     """
-    first = _Fitted("spring", 0.48, named, effects=effects)
+    first = _Fitted("spring", 0.48, named, effects=effects, freed=freed)
     second = _Fitted("nonlinear_viscous", 0.66, effects=("spring", "nonlinear_viscous"))
     asked: list[str] = []
 
@@ -469,15 +471,12 @@ def test_two_effects_by_other_laws_have_their_courses_together(
     monkeypatch.setattr(SearchState, "worth_having", lambda *_: worth)
     monkeypatch.setattr(rounds, "counted_beside", lambda *given: given[-1])
     state = _search(first)
-    state.freed = dict(freed)
     found = _both_by_their_courses(state, second)
     assert (found is not None) is taken
     if found is not None:
         assert (found.effect, found.share) == ("nonlinear_viscous", 0.9)
         assert asked == ["spring", "nonlinear_viscous"], "the second's own course is asked beside the first's"
-        assert state.freed == {"spring": False}, "its own law had not named it"
-    else:
-        assert state.freed == freed
+        assert found.freed == {"spring": False}, "its own law had not named it"
 
 
 @pytest.mark.parametrize(
@@ -498,7 +497,7 @@ def test_a_law_of_the_base_that_a_name_needs_is_not_dropped(
     monkeypatch.setattr(search, "BASE_LAWS", (law,))
     monkeypatch.setattr(search, "asked_for", lambda *_: False)
     plainer = _Fitted("spring", 0.88, named_without)
-    monkeypatch.setattr(search, "judged", lambda *_: plainer)
+    monkeypatch.setattr(search, "judged_again", lambda *_: plainer)
     fit = SimpleNamespace(fitted=SimpleNamespace(packed=None))
     chosen = SimpleNamespace(effect="spring", named=named_with, model_fit=fit)
     state = _search(chosen)
@@ -527,6 +526,7 @@ def test_a_law_of_the_base_is_given_up_by_all_that_is_compared(monkeypatch: pyte
     monkeypatch.setattr(search, "BASE_LAWS", (law,))
     monkeypatch.setattr(search, "asked_for", lambda *_: False)
     monkeypatch.setattr(search, "judged", judged)
+    monkeypatch.setattr(search, "judged_again", lambda *told: judged(*told[:2], told[3], told[2].effect))
     spring = Item("spring", fit("spring"))
     tried = (spring, *(Item(one, fit(one)) for one in ("gravity_imbalance", "backlash")))
     state = _search(spring, (*tried, Item("stribeck", fit("stribeck", law=False))))
@@ -570,7 +570,7 @@ def test_a_law_of_the_base_that_stood_for_an_effect_goes_before_more_is_looked_f
     law = SimpleNamespace(there=lambda _: True, removed=lambda *_: less)
     monkeypatch.setattr(search, "BASE_LAWS", (law,))
     monkeypatch.setattr(search, "asked_for", lambda *_: asked)
-    monkeypatch.setattr(search, "judged", lambda *told: told[2])
+    monkeypatch.setattr(search, "judged_again", lambda *told: told[3])
     its = SimpleNamespace(fitted=SimpleNamespace(cost=left), effects=("torque_lag",))
     led = SimpleNamespace(model_fit=its, named=True)
     monkeypatch.setattr(search, "refined", lambda *_: led)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -35,7 +35,7 @@ def test_courses_of_those_before_are_freed_while_something_is_left(
         seen.append(item.effect)
 
     state: Any = SimpleNamespace(
-        evidence=SimpleNamespace(repeats=repeats), freed={}, shaped=shaped, more_to_explain=lambda _: left
+        evidence=SimpleNamespace(repeats=repeats), shaped=shaped, more_to_explain=lambda _: left
     )
     assert settling._others_freed(state, chosen) is chosen
     assert seen == (["spring"] if asked else [])
@@ -46,18 +46,16 @@ def test_a_course_that_costs_the_name_is_not_taken(still: bool) -> None:
     model_fit: Any = SimpleNamespace(effects=("spring", "torque_ripple"))
     chosen = FittedCandidate("torque_ripple", model_fit, 0.5, Explained(1.0, 0.01), None, named=True)
     other = FittedCandidate("spring", model_fit, 0.6, Explained(1.0, 0.005), None, named=still)
-    freed: dict[str, bool] = {}
 
     def shaped(item: FittedCandidate) -> FittedCandidate:
-        freed[item.effect] = item.named
-        return other
+        return replace(other, freed={item.effect: item.named})
 
     state: Any = SimpleNamespace(
-        evidence=SimpleNamespace(repeats=True), freed=freed, shaped=shaped, more_to_explain=lambda _: True
+        evidence=SimpleNamespace(repeats=True), shaped=shaped, more_to_explain=lambda _: True
     )
     found = settling._others_freed(state, chosen)
     assert (found.effect, found.gain) == ("torque_ripple", 0.6 if still else 0.5)
-    assert freed == ({"spring": True} if still else {})
+    assert found.freed == ({"spring": True} if still else {})
 
 
 @pytest.mark.parametrize(

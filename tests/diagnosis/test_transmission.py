@@ -257,8 +257,8 @@ def test_a_spring_by_another_law_leaves_clearly_less_or_earns_the_name(
     monkeypatch.setattr(transmission, "refined", lambda _, __, other, ___: other)
     monkeypatch.setattr(
         transmission,
-        "judged",
-        lambda _, __, settled, effect: Item(model_fit=settled, effect=effect, named=earns),
+        "judged_again",
+        lambda _, __, one, settled: Item(model_fit=settled, effect=one.effect, named=earns),
     )
     problem = SimpleNamespace(policy=POLICY, twin=True, scales=SimpleNamespace(torque=0.5))
     found, behind = other_spring_tried(problem, None, packed, chosen, {}, [], no_progress)

@@ -165,7 +165,7 @@ def test_of_fits_from_elsewhere_the_one_that_explains_more_of_what_comes_again_i
     other = SimpleNamespace(fitted=SimpleNamespace(packed=None, cost=cost))
     monkeypatch.setattr(transmission, "scattered", lambda *_: [None])
     monkeypatch.setattr(transmission, "fit_inside_twin", lambda *_: other)
-    monkeypatch.setattr(transmission, "judged", lambda *_: Found(other, SimpleNamespace(share=share)))
+    monkeypatch.setattr(transmission, "judged_again", lambda *_: Found(other, SimpleNamespace(share=share)))
     monkeypatch.setattr(transmission, "masses_led_on", lambda _, __, one, ___: one)
     problem = SimpleNamespace(twin=True, two_masses=lambda _: True)
     led = transmission.masses_scattered(problem, None, chosen, no_progress)

@@ -1,7 +1,12 @@
 """A fitted candidate as a decision sees it, without a fit."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from types import SimpleNamespace
+
+from autotune.diagnosis.candidates import FittedCandidate
 
 
 @dataclass(frozen=True)
@@ -13,3 +18,5 @@ class Item:
     gain: float = 0.85
     share: float = 0.97
     named: bool = True
+    freed: Mapping[str, bool] = field(default_factory=dict)
+    with_courses_of = FittedCandidate.with_courses_of
