@@ -27,8 +27,7 @@ from autotune.core.loop import LocalLoop
 from autotune.experiments.record import Recorder, metadata_for
 from autotune.experiments.record import play as play_and_record
 from autotune.experiments.runner import Programme
-from autotune.identify.characteristic import Points
-from autotune.identify.steady_state import steady_points
+from autotune.identify.steady_state import Points, steady_points
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.monitoring.check import cause_in_words
 from autotune.monitoring.check_figures import friction_level

@@ -11,8 +11,7 @@ from autotune.control.steady_curves import AT_ZERO, friction_at
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.units import torque_symbol
-from autotune.identify.characteristic import Points
-from autotune.identify.steady_state import steady_points
+from autotune.identify.steady_state import Points, steady_points
 from autotune.models.drive_model import DriveModel
 from autotune.monitoring.friction_scale import FrictionScale, friction_scale
 from autotune.recordings.recording import Recording, concatenate

@@ -22,7 +22,7 @@ import scipy
 
 from autotune.control.steady_curves import friction_at
 from autotune.core.arrays import Floats
-from autotune.identify.characteristic import Points
+from autotune.identify.steady_state import Points
 from autotune.models.drive_model import DriveModel
 from autotune.monitoring.trend import Change
 

@@ -5,10 +5,9 @@ import pytest
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.small_motion import SpringMass, from_difference
-from autotune.identify.characteristic import Points, compare_shapes, fit_curve, predict
 from autotune.identify.dahl import dahl_curve, identify_dahl
 from autotune.identify.presliding import identify_presliding
-from autotune.identify.steady_state import identify_steady_state
+from autotune.identify.steady_state import Points, compare_shapes, fit_curve, identify_steady_state, predict
 from autotune.models.lugre import SHAPES
 from autotune.signals.legs import find_legs
 

@@ -119,7 +119,7 @@ def test_temperature_is_taken_out_where_its_influence_is_known() -> None:
 
 
 def test_straight_line_gives_back_what_was_put_in() -> None:
-    from autotune.identify.characteristic import Points
+    from autotune.identify.steady_state import Points
 
     speed = np.array([0.2, 0.5, 1.0, -0.2, -0.5, -1.0])
     torque = 0.3 * np.sign(speed) + 0.02 * speed + 0.05

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from autotune.identify.characteristic import Points
+from autotune.identify.steady_state import Points
 from autotune.models.drive_model import base_model
 from autotune.models.table import EFFECTS
 from autotune.monitoring.check_figures import expected_level

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from autotune.core.arrays import Floats
-from autotune.identify.characteristic import Points
+from autotune.identify.steady_state import Points
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.monitoring.friction_scale import (
     AT_ONCE,
