@@ -60,10 +60,10 @@ from autotune.estimation.problem import (
     refit,
 )
 from autotune.estimation.residual import smoothed
-from autotune.identify.ripple_lines import columns
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.torque_ripple import TORQUE_RIPPLE
+from autotune.signals.place_terms import columns
 
 NO_TWIN = "No twin: "
 UNSTABLE, USELESS = "is unstable or rings", "leaves more of the torque than no simulation does"

@@ -32,13 +32,13 @@ from autotune.estimation.least_squares import Fitted, covariance, standard_error
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem, new_problem
 from autotune.estimation.residual import smoothed
-from autotune.identify.ripple_lines import LEAST_GAIN, columns, find_lines, held_out_error
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, base_model
 from autotune.models.table import effect_kind
 from autotune.models.total_friction import friction_parts, stiffness_parts
 from autotune.recordings.recording import Recording
 from autotune.signals.normal_equations import BLOCK_SECONDS, Part, assemble
+from autotune.signals.place_terms import LEAST_GAIN, columns, find_lines, held_out_error
 
 WAVE_ROWS, MOST_ORDER = 6000, 400.0
 """Rows in which waves over position are looked for before anything is fitted, and the largest order."""

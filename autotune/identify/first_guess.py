@@ -3,7 +3,7 @@
 With the bristle driven by the measured velocity and its reach x_s = F_c/σ0 given, torque is linear in
 inertia, viscous and Coulomb friction, σ1 and offset (inverse dynamics): least squares for each of
 several reaches. Of those that leave nearly the least error the shortest wins: a long one takes up whatever
-lags. Gravity, a spring and waves over position are fitted beside them where the data show them (`ripple_lines`).
+lags. Gravity, a spring and waves over position are fitted beside them where the data show them (`signals.place_terms`).
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from autotune.estimation.bandwidth import Bands
 from autotune.estimation.data import STANDSTILL_SECONDS
 from autotune.estimation.pieces import Piece
 from autotune.estimation.problem import ONE_WAY
-from autotune.identify.ripple_lines import ALIKE, LEAST_GAIN, PlaceTerms, find_lines, held_out_error
 from autotune.models.compiled import compiled
 from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE, LEAST_PERIODS, MOST_ORDERS, SPACING
 from autotune.models.lugre import bristle_rate, bristle_step
 from autotune.models.spring import SPRING
 from autotune.signals.filters import low_pass
+from autotune.signals.place_terms import ALIKE, LEAST_GAIN, PlaceTerms, find_lines, held_out_error
 
 TRIALS = 12
 MOST_WAVES, WAVE_ROWS, MOST_PERIODS = 8, 6000, 4000

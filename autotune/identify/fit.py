@@ -33,7 +33,6 @@ from autotune.identify.refinement import (
     refine_recording,
     usable,
 )
-from autotune.identify.ripple_lines import Line, find_lines
 from autotune.identify.steady_state import SteadyState, fit_speed_curve, holds_constant_speeds_only
 from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
 from autotune.models.drive_model import DriveModel, base_model, surface_parameter
@@ -45,6 +44,7 @@ from autotune.models.table import effect_kind
 from autotune.models.torque_ripple import LINES, TORQUE_RIPPLE
 from autotune.recordings.checks import check_recording, refuse_clipping, refuse_limits_throughout
 from autotune.recordings.recording import Recording, concatenate, refuse_twice
+from autotune.signals.place_terms import Line, find_lines
 
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1

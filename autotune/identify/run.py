@@ -19,12 +19,12 @@ from autotune.identify.estimate import Estimate, Quantity, combine, invalid
 from autotune.identify.high_speed import HighSpeed, identify_high_speed
 from autotune.identify.presliding import Presliding, identify_presliding
 from autotune.identify.refinement import refine_recording
-from autotune.identify.ripple_lines import Line
 from autotune.identify.steady_state import SteadyState, identify_steady_state
 from autotune.models.drive_model import BASE, DriveModel, base_model
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.recordings.checks import check_recording
 from autotune.recordings.recording import Metadata, Recording
+from autotune.signals.place_terms import Line
 
 Result = TypeVar("Result")
 FARTHEST = 1.0

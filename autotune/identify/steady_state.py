@@ -27,7 +27,6 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.pieces import UNFITTED
 from autotune.identify.estimate import Estimate, Quantity
-from autotune.identify.ripple_lines import Line, columns, find_lines
 from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.lugre import SHAPES, Shape, level
@@ -36,6 +35,7 @@ from autotune.recordings.checks import clipped, guide_of, torque_of
 from autotune.recordings.recording import Recording
 from autotune.signals.filters import motion
 from autotune.signals.legs import Leg, find_legs
+from autotune.signals.place_terms import Line, columns, find_lines
 
 LEAST_SPEEDS = 4
 NO_SCATTER = 1e-6
