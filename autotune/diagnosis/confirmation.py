@@ -27,7 +27,7 @@ from autotune.diagnosis.evidence.visibility import visible
 from autotune.diagnosis.free_shape import without_own_course
 from autotune.diagnosis.refits import inside_twin, without_effect
 from autotune.diagnosis.screening import rank
-from autotune.diagnosis.search import Found
+from autotune.diagnosis.search_state import Found
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import Unseen, gain_and_z
 from autotune.estimation.policy import Policy

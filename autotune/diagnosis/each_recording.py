@@ -29,7 +29,7 @@ from autotune.diagnosis.confirmation import (
 )
 from autotune.diagnosis.evidence.evidence import MOST_UNEXPLAINED, HoldoutResult
 from autotune.diagnosis.refits import with_effects
-from autotune.diagnosis.search import Found
+from autotune.diagnosis.search_state import Found
 from autotune.diagnosis.wording import (
     AMBIGUOUS,
     CONFIRMED,

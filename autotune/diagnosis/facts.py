@@ -42,7 +42,8 @@ from autotune.diagnosis.free_shape import (
 )
 from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin, without_effect
 from autotune.diagnosis.ripple_orders import candidate_orders
-from autotune.diagnosis.search import MOTOR, Found
+from autotune.diagnosis.search import MOTOR
+from autotune.diagnosis.search_state import Found
 from autotune.diagnosis.starts import own_course
 from autotune.diagnosis.transmission import GAP, SPRING, by_another_law, gap_is_told, hardly_a_gap
 from autotune.diagnosis.wording import rms_unexplained

@@ -7,8 +7,8 @@ The order of a search's steps: laws of the base first, then round by round (`rou
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import fields, replace
 
 from autotune.core.time_limit import TimeIsUp, limited
 from autotune.diagnosis.backward import Backward
@@ -55,12 +55,13 @@ from autotune.diagnosis.refits import (
     with_noise_of,
     without_effect,
 )
-from autotune.diagnosis.rounds import SearchState, best_in_haste, next_best, one_round, otherwise
+from autotune.diagnosis.rounds import best_in_haste, next_best, one_round, otherwise
 from autotune.diagnosis.screening import (
     at_its_best,
     generic_gains,
     rows_back,
 )
+from autotune.diagnosis.search_state import Found, SearchState
 from autotune.diagnosis.settling import led_from_elsewhere, take
 from autotune.diagnosis.transmission import (
     plainer_of,
@@ -85,52 +86,6 @@ from autotune.models.torque_saturation import TORQUE_SATURATION
 LAG, MOTOR = TORQUE_LAG.name, TORQUE_SATURATION.name
 MOST_EFFECTS = 3
 """Effects that are added."""
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """What a search came to.
-
-    Attributes:
-        problem, root: as they are after torque and motion were aligned to what was found.
-        chosen: the model with all effects that were found; None where there are none.
-        first: all candidates beside the root; `tried`: the best of them, fitted inside the twin.
-        generic: gain of free functions of each coordinate.
-        presliding: elements that the root has for a presliding of its own, as they were found.
-        sliding: the problem where that contact slides, whatever its law; None where nothing depends on it.
-        base: sentences on laws of the base that the root has and the model that was given has not.
-        begin_again: the model from which to begin anew, as what was settled before the search rests on another base.
-        beside: what that base was found beside.
-        told_apart: rivals that err clearly more on other recordings.
-        exchanged: of several effects, fits with another one in the place of one of them that have a name too.
-        spring: the chosen model with a spring where it has hardly a gap; None where it has none, or is chosen itself.
-        unloaded: the chosen effects without a second mass among them, where that tells of it; else None.
-        delayed: whether a dead time of some rows does as well as the lag among them.
-        cut_short: its time was up: not all was asked, and what was found was not asked whether it is needed.
-    """
-
-    problem: Problem
-    root: ModelFit
-    chosen: FittedCandidate | None
-    first: Sequence[ScreenedCandidate]
-    tried: Sequence[FittedCandidate]
-    generic: Mapping[str, float]
-    presliding: FittedCandidate | None = None
-    sliding: Problem | None = None
-    base: tuple[str, ...] = ()
-    begin_again: Packed | None = None
-    beside: ModelFit | None = None
-    told_apart: tuple[str, ...] = ()
-    exchanged: Sequence[FittedCandidate] = ()
-    spring: FittedCandidate | None = None
-    unloaded: ModelFit | None = None
-    delayed: bool = False
-    cut_short: bool = False
-
-    @property
-    def model_fit(self) -> ModelFit:
-        """The chosen model, or the root where nothing was found."""
-        return self.root if self.chosen is None else self.chosen.model_fit
 
 
 def search(

@@ -37,10 +37,10 @@ from autotune.diagnosis.refits import (
     with_own_noise,
     without_effect,
 )
-from autotune.diagnosis.rounds import SearchState
 from autotune.diagnosis.screening import (
     screen,
 )
+from autotune.diagnosis.search_state import SearchState
 from autotune.diagnosis.transmission import (
     masses_led_on,
     masses_scattered,

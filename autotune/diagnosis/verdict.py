@@ -30,7 +30,8 @@ from autotune.diagnosis.evidence.time_driven import (
 )
 from autotune.diagnosis.evidence.torque_path import LATE_RECORD, recorded_late
 from autotune.diagnosis.facts import Facts, gathered
-from autotune.diagnosis.search import LAG, Found, search
+from autotune.diagnosis.search import LAG, search
+from autotune.diagnosis.search_state import Found
 from autotune.diagnosis.wording import (
     ALL_CONTACT,
     AMBIGUOUS,

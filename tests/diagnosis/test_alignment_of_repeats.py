@@ -31,8 +31,8 @@ from autotune.diagnosis.evidence.torque_path import (
     without_long_lag,
 )
 from autotune.diagnosis.found_model import torque_late
-from autotune.diagnosis.rounds import SearchState
 from autotune.diagnosis.search import _cycles_do, _is_dead_time, _lags_after_all, _without_chains_lag
+from autotune.diagnosis.search_state import SearchState
 from autotune.diagnosis.settling import _aligned
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.alignment import behind_current_loop, followed_late, shifted
@@ -593,7 +593,7 @@ def test_a_lag_beside_others_goes_where_the_chain_beside_them_is_as_late(
     less = replace(chosen, model_fit=bare)
     monkeypatch.setattr(RepeatedProgramme, "aligned", lambda *_: again)
     monkeypatch.setattr("autotune.diagnosis.search.without_effect", lambda *_: less)
-    monkeypatch.setattr("autotune.diagnosis.rounds.fitted_again", lambda *_: (bare, [less]))
+    monkeypatch.setattr("autotune.diagnosis.search_state.fitted_again", lambda *_: (bare, [less]))
     search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme(), chosen=chosen)
     _without_chains_lag(search)
     assert (search.chosen is less) == dropped
@@ -852,7 +852,7 @@ def test_a_candidate_is_aligned_where_the_twin_leaves_no_more(
     after = replace(before, model_fit=leaves(left), named=named)
     shaped = None if course is None else replace(before, model_fit=leaves(course))
     monkeypatch.setattr(RepeatedProgramme, "aligned", lambda *_: again)
-    monkeypatch.setattr("autotune.diagnosis.rounds.fitted_again", lambda *_: (after.model_fit, [after]))
+    monkeypatch.setattr("autotune.diagnosis.search_state.fitted_again", lambda *_: (after.model_fit, [after]))
     monkeypatch.setattr(settling, "with_free_shape", lambda *_: shaped)
     search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme())
     found = _aligned(search, before)

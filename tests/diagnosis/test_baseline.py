@@ -18,7 +18,7 @@ from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.torque_path import LATE_RECORD, is_recorded_late
 from autotune.diagnosis.fit_recordings import fit_recordings
 from autotune.diagnosis.refits import judged
-from autotune.diagnosis.rounds import SearchState
+from autotune.diagnosis.search_state import SearchState
 from autotune.diagnosis.settling import _recorded_late
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.controller import as_acted, as_recorded, by_sensor_compared, controller_of

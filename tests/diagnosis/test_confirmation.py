@@ -18,7 +18,7 @@ from autotune.diagnosis.each_recording import (
 )
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.refits import with_effects
-from autotune.diagnosis.search import Found
+from autotune.diagnosis.search_state import Found
 from autotune.diagnosis.verdict import Diagnosis
 from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY

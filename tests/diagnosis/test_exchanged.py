@@ -9,10 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autotune.diagnosis import backward, confirmation, facts, refits, rounds, search, settling, transmission
+from autotune.diagnosis import (
+    backward,
+    confirmation,
+    facts,
+    refits,
+    rounds,
+    search,
+    search_state,
+    settling,
+    transmission,
+)
 from autotune.diagnosis.backward import Backward
 from autotune.diagnosis.candidates import exchanged_for, no_progress
-from autotune.diagnosis.rounds import SearchState
+from autotune.diagnosis.search_state import Found, SearchState
 from autotune.estimation import model_error
 from autotune.estimation.cross_validation import Unseen
 from autotune.estimation.policy import POLICY
@@ -143,7 +153,7 @@ def test_what_is_unstable_where_the_torque_was_moved_stays_where_it_was(
     def unstable(*effects: str) -> None:
         twins = {"spring", "stribeck"} - set(effects)
         monkeypatch.setattr(
-            rounds,
+            search_state,
             "fitted_again",
             lambda _, __, items: ("root", [one if one.effect in twins else None for one in items]),
         )
@@ -160,7 +170,7 @@ def test_what_is_unstable_where_the_torque_was_moved_stays_where_it_was(
 def test_what_a_law_leaves_is_that_of_the_torque_as_it_was_moved(monkeypatch: pytest.MonkeyPatch) -> None:
     state = state_of(None, (), monkeypatch)
     monkeypatch.setattr(model_error, "with_misfit", lambda one: problem_of(misfit=f"{one.misfit} again"))
-    monkeypatch.setattr(rounds, "fitted_again", lambda _, __, items: ("root", items))
+    monkeypatch.setattr(search_state, "fitted_again", lambda _, __, items: ("root", items))
     state.moved(problem_of(), item("spring"))
     assert state.problem.misfit is None, "where it leaves nothing it still does"
     state.moved(problem_of(misfit="told"), item("spring"))
@@ -174,7 +184,7 @@ def test_all_that_was_tried_is_compared_where_the_torque_was_moved_to(
     tried = item("spring", left=3.0), item("stribeck", left=3.0, named=False)
     state = state_of(None, tried, monkeypatch)
     monkeypatch.setattr(
-        rounds,
+        search_state,
         "fitted_again",
         lambda _, __, items: ("root", [item(*i.model_fit.effects, left=1.0) for i in items]),
     )
@@ -197,7 +207,7 @@ def test_cycles_in_the_place_of_a_lag_move_what_was_tried(monkeypatch: pytest.Mo
     monkeypatch.setattr(search, "cycles_in_place", lambda *_: [(again, bare)])
     monkeypatch.setattr(search, "judged", lambda *_: item("spring"))
     monkeypatch.setattr(
-        rounds,
+        search_state,
         "fitted_again",
         lambda _, __, items: ("root", [item(*i.model_fit.effects, left=0.1) for i in items]),
     )
@@ -261,7 +271,7 @@ def test_where_the_root_is_unstable_all_stays_where_it_was(monkeypatch: pytest.M
     best = item("torque_lag")
     state = state_of(None, (best,), monkeypatch)
     before, again = (state.problem, state.root, state.tried), problem_of()
-    monkeypatch.setattr(rounds, "fitted_again", lambda *_: None)
+    monkeypatch.setattr(search_state, "fitted_again", lambda *_: None)
     assert state.moved(again, best) is best
     assert (state.problem, state.root, state.tried) == before
 
@@ -278,7 +288,7 @@ def test_what_could_not_be_moved_is_not_taken_with_the_figures_of_another_proble
     assert chosen is not None
     chosen.model_fit.fitted.cost = 1.0
     before, state.problem.twin = (state.problem, state.root, state.tried, chosen), True
-    monkeypatch.setattr(rounds, "fitted_again", lambda *_: None)
+    monkeypatch.setattr(search_state, "fitted_again", lambda *_: None)
     again = problem_of()
     assert settling._kept(state, best, 1.0, lambda: state.moved(again, there)) is best
     state.evidence.apart = lambda *_: True
@@ -302,8 +312,8 @@ def test_a_new_root_that_is_unstable_where_the_torque_was_moved_to_stays(
     state = state_of(None, (), monkeypatch)
     before, again = state.problem, problem_of()
     state.evidence.aligned = lambda *_: again
-    monkeypatch.setattr(rounds, "settled_in", lambda one, _: (one, "settled") if stable else None)
-    monkeypatch.setattr(rounds, "with_noise_of", lambda *given: given)
+    monkeypatch.setattr(search_state, "settled_in", lambda one, _: (one, "settled") if stable else None)
+    monkeypatch.setattr(search_state, "with_noise_of", lambda *given: given)
     state.take_root("found")
     assert (state.problem, state.root) == ((again, "settled") if stable else (before, "found"))
 
@@ -392,7 +402,7 @@ def test_rivals_beside_elements_that_are_the_base_s_have_them_too(
         monkeypatch.setattr(search, name, lambda *_, value=value: value)
     monkeypatch.setattr(search, "replace", _replaced)
     found = search._beside_own_presliding(
-        state, search.Found(None, None, chosen, (), state.tried, {}, exchanged=[rival, instead])
+        state, Found(None, None, chosen, (), state.tried, {}, exchanged=[rival, instead])
     )
     assert {one.effect: one.model_fit.left for one in found.tried} == tried
     assert [one.model_fit.effects for one in found.exchanged] == exchanged
@@ -426,7 +436,7 @@ def test_rivals_of_a_memory_beside_a_climb_climb_too(
         value = value if callable(value) else lambda *_, value=value: value
         monkeypatch.setattr(search, name, value)
     found = search._beside_own_presliding(
-        state, search.Found(None, None, chosen, (), state.tried, {}, exchanged=exchanged)
+        state, Found(None, None, chosen, (), state.tried, {}, exchanged=exchanged)
     )
     assert found.root is root
     fits = found.exchanged if others else found.tried
@@ -455,7 +465,7 @@ def test_where_a_spring_takes_the_place_of_hardly_a_gap_rivals_of_others_have_it
     monkeypatch.setattr(search, "spring_in_place", lambda *_: spring)
     monkeypatch.setattr(search, "plainer_of", lambda *_: spring if plain else gap)
     told = [beside, lag] if others else []
-    found = search.Found(state.problem, None, gap, (), state.tried, {}, exchanged=told)
+    found = Found(state.problem, None, gap, (), state.tried, {}, exchanged=told)
     found = search._or_a_spring(state, found, gap)
     if not plain:
         assert (found.chosen, found.spring, found.exchanged) == (gap, spring, told)
@@ -536,8 +546,8 @@ def test_a_course_that_is_freed_once_more_was_not_named_by_its_own_law(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     state = state_of(None, (), monkeypatch)
-    monkeypatch.setattr(rounds, "with_free_shape", lambda *_: item("stribeck", "spring"))
-    monkeypatch.setattr(rounds, "unsettled", lambda *_: False)
+    monkeypatch.setattr(search_state, "with_free_shape", lambda *_: item("stribeck", "spring"))
+    monkeypatch.setattr(search_state, "unsettled", lambda *_: False)
     once = state.shaped(item("stribeck", "spring", named=False, freed={"stribeck": True}))
     assert once is not None
     assert once.freed == {"stribeck": True, "spring": False}
@@ -626,7 +636,7 @@ def test_what_was_fitted_beside_an_effect_that_is_refuted_since_is_not_chosen(
     monkeypatch.setattr(confirmation, "_pieces", lambda _, fit: Unseen(np.full(10, 1.0 / len(fit.effects))))
     monkeypatch.setattr(confirmation, "without_own_course", lambda *_: [])
     monkeypatch.setattr(confirmation, "_held_out", lambda *_: SimpleNamespace(lowers=True))
-    found = search.Found(problem_of(), None, chosen, (), (), {}, exchanged=[beside])
+    found = Found(problem_of(), None, chosen, (), (), {}, exchanged=[beside])
     assert confirmation.told_apart(found, ("spring", "gravity_imbalance"), []) is found
 
 

@@ -13,8 +13,8 @@ from autotune.diagnosis.contact_laws import goes_on, without_memory, without_tai
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.found_model import found_model
 from autotune.diagnosis.refits import judged
-from autotune.diagnosis.rounds import SearchState
-from autotune.diagnosis.search import Found, _where_it_slides
+from autotune.diagnosis.search import _where_it_slides
+from autotune.diagnosis.search_state import Found, SearchState
 from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import beyond_presliding

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis import candidates, facts, refits, rounds, search, settling
+from autotune.diagnosis import candidates, facts, refits, rounds, search, search_state, settling
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, explains_rest, no_progress
 from autotune.diagnosis.refits import (
@@ -21,13 +21,13 @@ from autotune.diagnosis.refits import (
     root_from,
 )
 from autotune.diagnosis.rounds import (
-    SearchState,
     _both_by_their_courses,
     _fit_down,
     _law_before,
     _worth_at_its_best,
     _worth_by_its_course,
 )
+from autotune.diagnosis.search_state import SearchState
 from autotune.diagnosis.settling import _a_row_beside, _first_exchanged
 from autotune.estimation import model_error
 from autotune.estimation.bandwidth import prepared_to_fit
@@ -467,7 +467,8 @@ def test_two_effects_by_other_laws_have_their_courses_together(
         asked.append(item.effect)
         return replace(item, share=course) if course is not None and item.effect == "spring" else None
 
-    monkeypatch.setattr(rounds, "with_free_shape", shape)
+    for module in (rounds, search_state):
+        monkeypatch.setattr(module, "with_free_shape", shape)
     monkeypatch.setattr(SearchState, "worth_having", lambda *_: worth)
     monkeypatch.setattr(rounds, "counted_beside", lambda *given: given[-1])
     state = _search(first)

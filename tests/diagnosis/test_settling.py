@@ -10,7 +10,7 @@ import pytest
 
 from autotune.diagnosis import settling, verdict
 from autotune.diagnosis.candidates import FittedCandidate
-from autotune.diagnosis.search import Found
+from autotune.diagnosis.search_state import Found
 from autotune.estimation.cross_validation import Explained
 from autotune.estimation.policy import POLICY, Policy
 

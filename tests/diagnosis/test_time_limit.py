@@ -12,7 +12,7 @@ from autotune.core.side_by_side import on_each
 from autotune.core.time_limit import TimeIsUp, deadline, limited
 from autotune.diagnosis import backward, search
 from autotune.diagnosis.candidates import no_progress
-from autotune.diagnosis.rounds import SearchState
+from autotune.diagnosis.search_state import SearchState
 from autotune.diagnosis.verdict import diagnose
 
 SPRING = 0.004

@@ -13,8 +13,9 @@ from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, no_progress
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.refits import inside_twin
-from autotune.diagnosis.rounds import SearchState, _second_look
+from autotune.diagnosis.rounds import _second_look
 from autotune.diagnosis.screening import NEAR_BEST, _short_fits, screen
+from autotune.diagnosis.search_state import SearchState
 from autotune.diagnosis.starts import (
     SCATTERED,
     TRADED,
