@@ -1,4 +1,4 @@
-"""Of several effects that were found, backward: which of them are needed, and which may stand for another."""
+"""Of the effects that were found, backward: which of them are needed, and which may stand for another."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
     ScreenedCandidate,
+    error_left,
     explained_beside,
     explains_rest,
     falls_on_veto,
@@ -18,23 +19,36 @@ from autotune.diagnosis.candidates import (
     least_fall,
 )
 from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.free_shape import like_a_motor
 from autotune.diagnosis.refits import (
     RIVAL_COST,
     differ_by_chance,
     in_place_of,
+    inside_twin,
     judged_again,
     negligible,
     refined,
     unsettled,
+    with_contact,
     without_effect,
     without_insignificant_terms,
 )
 from autotune.diagnosis.ripple_orders import with_whole_orders
-from autotune.diagnosis.transmission import pressed_transmission, stiff_as_well
+from autotune.diagnosis.screening import (
+    at_its_best,
+)
+from autotune.diagnosis.search_state import SearchState
+from autotune.diagnosis.transmission import (
+    pressed_transmission,
+    stiff_as_well,
+)
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.problem import Problem
-from autotune.models.table import EFFECTS
+from autotune.models.table import EFFECTS, usual_rivals
+from autotune.models.torque_saturation import TORQUE_SATURATION
+
+MOTOR = TORQUE_SATURATION.name
 
 SAME_DATA = 1e-6
 """Of the mean square of an error: by how much it may differ from what it was, by the order of sums."""
@@ -233,3 +247,123 @@ def as_free(less: ModelFit, model_fit: ModelFit) -> bool:
     slots = {parameter.slot for name in less.effects for parameter in EFFECTS[name].parameters}
     known = {one.slot for one in less.free}
     return all(one.slot in known for one in model_fit.free if one.slot in slots)
+
+
+def try_look_alikes(state: SearchState) -> None:
+    """Effects that may do as well as a single one that was found are fitted to their end, too.
+
+    Where one trajectory is all there is, a candidate may have been passed over that explains it as well.
+    """
+    chosen = state.chosen
+    if chosen is None or len(chosen.model_fit.effects) != 1:
+        return
+    for effect in state.evidence.look_alikes(state.problem, chosen.effect):
+        state.progress(f"does {effect} do as well")
+        item = at_its_best(state.problem, state.evidence, state.root, state.nominal, effect)
+        fitted = inside_twin(state.problem, state.root, state.root, item) if item is not None else None
+        if fitted is not None:
+            fitted = with_contact(state.problem, state.root, fitted)
+            better = [one for one in state.tried if one.effect == effect and one.gain > fitted.gain]
+            if not better:
+                state.tried = [*(one for one in state.tried if one.effect != effect), fitted]
+
+
+def try_motor(state: SearchState) -> None:
+    """A motor that falls short in the place of friction that a load presses, if it leaves less; else a rival of it.
+
+    It is followed to its end, its course as free, where a free course over the motor's torque does as well along the
+    recorded motion. What the fastest experiment shows alone gains nothing while that is held out, so that nothing else
+    may have followed it.
+    """
+    problem, chosen = state.problem, state.chosen
+    sought = any(kind.name == MOTOR for kind in problem.candidates)
+    if chosen is None or not sought or not state.evidence.repeats or MOTOR in chosen.model_fit.effects:
+        return
+    alike = state.evidence.alike(problem)
+    pressed = [
+        one
+        for one in chosen.model_fit.effects
+        if like_a_motor(problem, state.root, chosen.model_fit, alike, one)
+    ]
+    other = _motor_in_place(state, chosen, pressed[0]) if pressed else None
+    if other is None:
+        return
+    better = other.named and error_left(problem, other.model_fit) < error_left(problem, chosen.model_fit)
+    state.chosen = other if better else chosen
+    if len(chosen.model_fit.effects) > 1:
+        state.later.append(replace(chosen, effect=pressed[0]) if better else other)
+    else:
+        own = [one for one in state.tried if one.effect not in (chosen.effect, MOTOR)]
+        state.tried = [*own, chosen, other]
+
+
+def _motor_in_place(state: SearchState, chosen: FittedCandidate, effect: str) -> FittedCandidate | None:
+    """A motor that falls short beside all effects but one, by its own law or a course; None where it does not fit."""
+    state.progress(f"a motor that saturates in the place of {effect}")
+    problem, root, before = state.problem, state.root, state.root
+    if len(chosen.model_fit.effects) > 1:
+        rest = without_effect(problem, root, chosen.model_fit, effect)
+        if rest is None:
+            return None
+        before = rest.model_fit
+    item = at_its_best(problem, state.evidence, before, state.nominal, MOTOR)
+    other = inside_twin(problem, root, before, item) if item is not None else None
+    if other is None:
+        return None
+    other = other.with_courses_of(chosen)
+    other = state.shaped(other) or (
+        refined(problem, root, other, state.progress) if unsettled(problem, other) else other
+    )
+    if problem.has_veto and other.gain < problem.policy.least_gain:
+        other = replace(other, gain=gain_on_veto(problem, before, other.model_fit))
+    return other
+
+
+def backward_of(state: SearchState) -> Backward:
+    return Backward(state.problem, state.root, state.evidence, state.progress)
+
+
+def tidy(state: SearchState) -> None:
+    """Drops what is not needed beside the others, and refines what is left."""
+    if state.chosen is not None:
+        state.chosen = backward_of(state).tidied(state.chosen, state.seen)
+        state.chosen = backward_of(state).without_stiff_load(state.chosen)
+
+
+def in_place(state: SearchState) -> list[FittedCandidate]:
+    """What may stand for one of several effects, each at its best.
+
+    What the chosen ones explain of the error of another may be no more than its course: beside others it was judged by
+    its own law, while theirs are free. With a free course it is chosen where it leaves less, and what was chosen may
+    stand for it.
+    """
+    if state.chosen is None:
+        return []
+    chosen, again = state.chosen, []
+    for item in backward_of(state).exchanged(chosen, state.later, _like_the_first(state, chosen)):
+        lost = set(chosen.model_fit.effects) - set(item.model_fit.effects)
+        if len(lost) == 1 and state.evidence.explains_rest_of(state.problem, chosen, item):
+            shaped = state.shaped(item)
+            if shaped is not None and shaped.named and _leaves_less(state, shaped, chosen):
+                chosen, item = shaped, replace(chosen, effect=lost.pop())
+        again.append(item)
+    state.chosen = chosen
+    return again
+
+
+def _like_the_first(state: SearchState, chosen: FittedCandidate) -> list[FittedCandidate]:
+    """What looks like the first of several effects, and came near it while the others were missing.
+
+    A weight over a part of a turn stays the rival of a spring when a drift is found beside it.
+    """
+    first, policy = chosen.model_fit.effects[0], state.problem.policy
+    known = next((one for one in state.tried if one.effect == first), None)
+    if known is None or len(chosen.model_fit.effects) < 2:
+        return []
+    alike = set(usual_rivals(first)) - set(chosen.model_fit.effects)
+    least = policy.rival_gain * known.gain
+    return [one for one in state.tried if one.effect in alike and one.gain >= least]
+
+
+def _leaves_less(state: SearchState, one: FittedCandidate, other: FittedCandidate) -> bool:
+    return error_left(state.problem, one.model_fit) < error_left(state.problem, other.model_fit)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.backward import Backward
+from autotune.diagnosis.backward import MOTOR, Backward
 from autotune.diagnosis.base_laws import without_effects
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -42,7 +42,6 @@ from autotune.diagnosis.free_shape import (
 )
 from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin, without_effect
 from autotune.diagnosis.ripple_orders import candidate_orders
-from autotune.diagnosis.search import MOTOR
 from autotune.diagnosis.search_state import Found
 from autotune.diagnosis.starts import own_course
 from autotune.diagnosis.transmission import GAP, SPRING, by_another_law, gap_is_told, hardly_a_gap

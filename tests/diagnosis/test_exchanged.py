@@ -11,6 +11,7 @@ import pytest
 
 from autotune.diagnosis import (
     backward,
+    base_beside,
     confirmation,
     facts,
     refits,
@@ -41,7 +42,7 @@ def problem_of(**others: Any) -> SimpleNamespace:
 
 def state_of(chosen: Item | None, tried: tuple[Item, ...], monkeypatch: pytest.MonkeyPatch) -> SearchState:
     problem, evidence = problem_of(), SimpleNamespace(repeats=True)
-    for module in (settling, search):
+    for module in (settling, base_beside, backward):
         monkeypatch.setattr(module, "error_left", lambda _, fit: fit.left)
     given: Any = (problem, SimpleNamespace(), None, no_progress, evidence)
     return SearchState(*given, chosen=chosen, tried=list(tried))
@@ -117,8 +118,8 @@ def test_what_looks_like_the_first_effect_stays_its_rival(monkeypatch: pytest.Mo
     )
     chosen = item("spring", "thermal_drift")
     state = state_of(chosen, tried, monkeypatch)
-    assert [one.effect for one in search._like_the_first(state, chosen)] == ["gravity_imbalance"]
-    assert search._like_the_first(state, tried[0]) == [], "a single effect has its rivals already"
+    assert [one.effect for one in backward._like_the_first(state, chosen)] == ["gravity_imbalance"]
+    assert backward._like_the_first(state, tried[0]) == [], "a single effect has its rivals already"
 
 
 def test_a_candidate_that_is_displaced_is_a_rival_at_its_best(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -343,11 +344,11 @@ def test_a_law_that_was_outdone_is_compared_where_the_torque_was_moved_to(
 ) -> None:
     """As it was outdone it left 0.7 of another torque."""
     state = state_of(None if found is None else item("spring", left=found), (), monkeypatch)
-    assert search._outdone_after_all(state) is None
+    assert base_beside._outdone_after_all(state) is None
     state.outdone = SimpleNamespace(left=0.7)
     there = None if moved is None else (state.problem, SimpleNamespace(left=moved))
-    monkeypatch.setattr(search, "settled_in", lambda *_: there)
-    assert search._outdone_after_all(state) is (there[1] if there is not None and taken else None)
+    monkeypatch.setattr(base_beside, "settled_in", lambda *_: there)
+    assert base_beside._outdone_after_all(state) is (there[1] if there is not None and taken else None)
 
 
 def test_no_law_of_an_earlier_root_counts_as_outdone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -399,9 +400,9 @@ def test_rivals_beside_elements_that_are_the_base_s_have_them_too(
         "_remembered_beyond": None,
         "_needed_beside": True,
     }.items():
-        monkeypatch.setattr(search, name, lambda *_, value=value: value)
-    monkeypatch.setattr(search, "replace", _replaced)
-    found = search._beside_own_presliding(
+        monkeypatch.setattr(base_beside, name, lambda *_, value=value: value)
+    monkeypatch.setattr(base_beside, "replace", _replaced)
+    found = base_beside.beside_own_presliding(
         state, Found(None, None, chosen, (), state.tried, {}, exchanged=[rival, instead])
     )
     assert {one.effect: one.model_fit.left for one in found.tried} == tried
@@ -434,8 +435,8 @@ def test_rivals_of_a_memory_beside_a_climb_climb_too(
         "replace": _replaced,
     }.items():
         value = value if callable(value) else lambda *_, value=value: value
-        monkeypatch.setattr(search, name, value)
-    found = search._beside_own_presliding(
+        monkeypatch.setattr(base_beside, name, value)
+    found = base_beside.beside_own_presliding(
         state, Found(None, None, chosen, (), state.tried, {}, exchanged=exchanged)
     )
     assert found.root is root
@@ -608,8 +609,8 @@ def test_a_course_that_is_not_taken_is_not_told(monkeypatch: pytest.MonkeyPatch)
 
     state.chosen = pair
     state.evidence.explains_rest_of = lambda *_: True
-    monkeypatch.setattr(search, "_backward", lambda _: SimpleNamespace(exchanged=lambda *_: [other]))
-    assert search._in_place(state) == [other]
+    monkeypatch.setattr(backward, "backward_of", lambda _: SimpleNamespace(exchanged=lambda *_: [other]))
+    assert backward.in_place(state) == [other]
     assert (state.chosen, other.freed) == (pair, {})
 
 
@@ -648,7 +649,7 @@ def test_a_course_of_the_first_effect_takes_the_place_of_no_further_one(
     found = [item("spring"), pair, pair, item("spring", "stribeck", "thermal_drift")]
     shaped = iter([False, True, False, False])
     monkeypatch.setattr(search, "next_best", lambda *_, **__: found.pop(0) if found else None)
-    monkeypatch.setattr(search, "_drop_laws", lambda *_, **__: None)
+    monkeypatch.setattr(search, "drop_laws", lambda *_, **__: None)
     monkeypatch.setattr(search, "_shaped_instead", lambda *_: next(shaped))
     monkeypatch.setattr(search, "take", lambda state, best: setattr(state, "chosen", best))
     monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: True)

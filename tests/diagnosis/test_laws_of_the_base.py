@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from autotune.diagnosis.base_beside import where_it_slides
 from autotune.diagnosis.candidates import free_of_model, no_progress
 from autotune.diagnosis.contact_laws import goes_on, without_memory, without_tail
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.found_model import found_model
 from autotune.diagnosis.refits import judged
-from autotune.diagnosis.search import _where_it_slides
 from autotune.diagnosis.search_state import Found, SearchState
 from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -350,7 +350,7 @@ def test_an_effect_keeps_its_name_whatever_friction_at_once_leaves_near_reversal
     chosen = judged(problem, root, named, "nonlinear_viscous")
     assert problem.policy.partly < chosen.share < problem.policy.named
     search = SearchState(problem, root, root.fitted.packed, no_progress, evidence)
-    found = _where_it_slides(search, Found(problem, root, chosen, (), (), {}))
+    found = where_it_slides(search, Found(problem, root, chosen, (), (), {}))
     assert found.sliding is not None
     assert found.chosen is not None
     assert found.chosen.named

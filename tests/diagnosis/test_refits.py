@@ -9,7 +9,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis import candidates, facts, refits, rounds, search, search_state, settling
+from autotune.diagnosis import (
+    backward,
+    base_beside,
+    candidates,
+    facts,
+    refits,
+    rounds,
+    search,
+    search_state,
+    settling,
+)
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, explains_rest, no_progress
 from autotune.diagnosis.refits import (
@@ -495,15 +505,15 @@ def test_a_law_of_the_base_that_a_name_needs_is_not_dropped(
     law = SimpleNamespace(
         there=lambda _: True, removed=lambda _, one: SimpleNamespace(fitted=one.fitted, less=True)
     )
-    monkeypatch.setattr(search, "BASE_LAWS", (law,))
-    monkeypatch.setattr(search, "asked_for", lambda *_: False)
+    monkeypatch.setattr(base_beside, "BASE_LAWS", (law,))
+    monkeypatch.setattr(base_beside, "asked_for", lambda *_: False)
     plainer = _Fitted("spring", 0.88, named_without)
-    monkeypatch.setattr(search, "judged_again", lambda *_: plainer)
+    monkeypatch.setattr(base_beside, "judged_again", lambda *_: plainer)
     fit = SimpleNamespace(fitted=SimpleNamespace(packed=None))
     chosen = SimpleNamespace(effect="spring", named=named_with, model_fit=fit)
     state = _search(chosen)
     state.root = fit
-    search._drop_laws(state)
+    base_beside.drop_laws(state)
     assert (state.chosen is chosen) is kept
     assert (state.root is fit) is kept
 
@@ -524,16 +534,16 @@ def test_a_law_of_the_base_is_given_up_by_all_that_is_compared(monkeypatch: pyte
         return Item(effect, model_fit)
 
     law = SimpleNamespace(there=lambda packed: packed, removed=without)
-    monkeypatch.setattr(search, "BASE_LAWS", (law,))
-    monkeypatch.setattr(search, "asked_for", lambda *_: False)
-    monkeypatch.setattr(search, "judged", judged)
-    monkeypatch.setattr(search, "judged_again", lambda *told: judged(*told[:2], told[3], told[2].effect))
+    monkeypatch.setattr(base_beside, "BASE_LAWS", (law,))
+    monkeypatch.setattr(base_beside, "asked_for", lambda *_: False)
+    monkeypatch.setattr(base_beside, "judged", judged)
+    monkeypatch.setattr(base_beside, "judged_again", lambda *told: judged(*told[:2], told[3], told[2].effect))
     spring = Item("spring", fit("spring"))
     tried = (spring, *(Item(one, fit(one)) for one in ("gravity_imbalance", "backlash")))
     state = _search(spring, (*tried, Item("stribeck", fit("stribeck", law=False))))
     state.root, state.unloaded = fit(), fit("spring")
     state.later = [Item("thermal_drift", fit("spring", "thermal_drift"))]
-    search._drop_laws(state)
+    base_beside.drop_laws(state)
     assert state.chosen is not None
     alike = [
         state.root,
@@ -551,11 +561,11 @@ def test_elements_that_were_found_as_a_memory_are_no_law_to_give_up(monkeypatch:
     """Without them it would have its name and none of its elements."""
     fit = SimpleNamespace(effects=("reversal_memory",), fitted=SimpleNamespace(packed=None))
     climbs = SimpleNamespace(there=lambda _: True, removed=lambda *_: pytest.fail("it is the effect"))
-    monkeypatch.setattr(search, "BASE_LAWS", (climbs,))
-    monkeypatch.setattr(search, "CLIMB_LAW", climbs)
+    monkeypatch.setattr(base_beside, "BASE_LAWS", (climbs,))
+    monkeypatch.setattr(base_beside, "CLIMB_LAW", climbs)
     state = _search(Item("reversal_memory", fit))
     state.root = SimpleNamespace(effects=(), fitted=SimpleNamespace(packed=None))
-    search._drop_laws(state)
+    base_beside.drop_laws(state)
     assert state.chosen is not None
     assert state.chosen.model_fit is fit
 
@@ -569,17 +579,17 @@ def test_a_law_of_the_base_that_stood_for_an_effect_goes_before_more_is_looked_f
     """A contact's own curve stood for a lag; beside the lag it bent the rest, and a memory was confirmed with it."""
     less = SimpleNamespace(fitted=SimpleNamespace(cost=2.0, packed=None))
     law = SimpleNamespace(there=lambda _: True, removed=lambda *_: less)
-    monkeypatch.setattr(search, "BASE_LAWS", (law,))
-    monkeypatch.setattr(search, "asked_for", lambda *_: asked)
-    monkeypatch.setattr(search, "judged_again", lambda *told: told[3])
+    monkeypatch.setattr(base_beside, "BASE_LAWS", (law,))
+    monkeypatch.setattr(base_beside, "asked_for", lambda *_: asked)
+    monkeypatch.setattr(base_beside, "judged_again", lambda *told: told[3])
     its = SimpleNamespace(fitted=SimpleNamespace(cost=left), effects=("torque_lag",))
     led = SimpleNamespace(model_fit=its, named=True)
-    monkeypatch.setattr(search, "refined", lambda *_: led)
+    monkeypatch.setattr(base_beside, "refined", lambda *_: led)
     fit = SimpleNamespace(fitted=SimpleNamespace(cost=1.0, packed=None))
     chosen = SimpleNamespace(effect="torque_lag", named=False, model_fit=fit)
     state = _search(chosen)
     state.root = fit
-    search._drop_laws(state, only_where_less_is_left=True)
+    base_beside.drop_laws(state, only_where_less_is_left=True)
     assert (state.chosen is chosen) is kept
     assert (state.chosen is led) is not kept
     assert (state.root is fit) is kept
@@ -663,10 +673,10 @@ def test_what_may_stand_for_one_of_several_has_a_course_as_free_as_theirs(
     state = _search(beside("dwell_time_break_away", 1.0))
     state.evidence = SimpleNamespace(explains_rest_of=lambda *_: told_apart)
     rival = beside("stribeck", 1.01)
-    monkeypatch.setattr(search, "error_left", lambda _, fit: fit.left)
-    monkeypatch.setattr(search, "_backward", lambda _: SimpleNamespace(exchanged=lambda *_: [rival]))
+    monkeypatch.setattr(backward, "error_left", lambda _, fit: fit.left)
+    monkeypatch.setattr(backward, "backward_of", lambda _: SimpleNamespace(exchanged=lambda *_: [rival]))
     monkeypatch.setattr(SearchState, "shaped", lambda *_: beside("stribeck", left, named=named))
-    again = search._in_place(state)
+    again = backward.in_place(state)
     assert state.chosen.effect == first
     assert [one.effect for one in again] == list({"stribeck", "dwell_time_break_away"} - {first})
 
@@ -813,7 +823,7 @@ def test_a_law_of_the_base_that_leaves_less_than_an_effect_takes_its_place_where
     chosen = SimpleNamespace(model_fit=_left(*effect), share=0.92)
     evidence = SimpleNamespace(bears_out=lambda *_: True)
     state = SearchState(problem, root, None, no_progress, evidence, chosen=chosen, laws=[wanted])
-    assert search._law_in_place(state) is (bends if taken else None)
+    assert base_beside._law_in_place(state) is (bends if taken else None)
 
 
 @pytest.mark.parametrize(
@@ -842,18 +852,18 @@ def test_a_motor_that_does_as_well_is_followed_in_the_place_of_what_a_load_press
     load, motor = "load_dependent_friction", "torque_saturation"
     pressed = FittedCandidate(load, _model((*others, load), 1.0), 0.7, Explained(1.0, 0.0), None, True)
     short = FittedCandidate(motor, _model((*others, motor), left), -0.5, Explained(1.0, 0.0), None, named)
-    monkeypatch.setattr(search, "like_a_motor", lambda *told: alike and told[-1] == load)
-    monkeypatch.setattr(search, "error_left", lambda _, model_fit: model_fit.left)
-    monkeypatch.setattr(search, "without_effect", lambda *_: pressed)
-    monkeypatch.setattr(search, "at_its_best", lambda *told: told[-1])
-    monkeypatch.setattr(search, "inside_twin", lambda *told: short if told[-1] == motor else None)
-    monkeypatch.setattr(search, "gain_on_veto", lambda *_: 0.8)
+    monkeypatch.setattr(backward, "like_a_motor", lambda *told: alike and told[-1] == load)
+    monkeypatch.setattr(backward, "error_left", lambda _, model_fit: model_fit.left)
+    monkeypatch.setattr(backward, "without_effect", lambda *_: pressed)
+    monkeypatch.setattr(backward, "at_its_best", lambda *told: told[-1])
+    monkeypatch.setattr(backward, "inside_twin", lambda *told: short if told[-1] == motor else None)
+    monkeypatch.setattr(backward, "gain_on_veto", lambda *_: 0.8)
     monkeypatch.setattr(SearchState, "shaped", lambda _, item: item)
     looking = _search(pressed, (pressed,))
     looking.problem.candidates = tuple(EFFECTS.values())
     looking.problem.has_veto = True
     looking.evidence.alike = lambda _: 0.03
-    search._try_motor(looking)
+    backward.try_motor(looking)
     assert looking.chosen is not None
     assert looking.chosen.effect == effect
     assert effect == load or looking.chosen.gain == 0.8, "with the fastest held out it gained nothing"

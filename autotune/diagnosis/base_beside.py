@@ -1,0 +1,349 @@
+"""What the base turns out to have beside what was found: another law, or a presliding of its own.
+
+Beside an effect the data may ask for a law of the base that the effect hid, or stood for; and a law that stood for an
+effect is needed no more beside it. Elements of a memory may be no memory, but the way in which the axis's own contact
+lets go: then the root has them, and what was found beside them must hold where that contact slides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from autotune.diagnosis.backward import tidy
+from autotune.diagnosis.base_laws import BASE_LAWS, CLIMB_LAW, BaseLaw, has_other_law, with_base_shapes
+from autotune.diagnosis.candidates import (
+    FittedCandidate,
+    ScreenedCandidate,
+    asked_for,
+    error_left,
+    exchanged_for,
+    gain_on_veto,
+    not_refuted,
+)
+from autotune.diagnosis.contact_laws import EFFECT as MEMORY
+from autotune.diagnosis.contact_laws import (
+    with_own_presliding,
+    without_memory,
+)
+from autotune.diagnosis.refits import (
+    REFINED,
+    in_place_of,
+    judged,
+    judged_again,
+    refined,
+    settled_in,
+    taken_out,
+)
+from autotune.diagnosis.rounds import one_round
+from autotune.diagnosis.screening import (
+    generic_gains,
+)
+from autotune.diagnosis.search_state import Found, SearchState
+from autotune.diagnosis.settling import take
+from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_inside_twin, held_out_of
+from autotune.estimation.cross_validation import (
+    beyond_presliding,
+    evenly,
+    gain_and_z,
+    goes_with_place,
+)
+from autotune.estimation.data import TRAINING
+from autotune.estimation.problem import Problem
+from autotune.models import layout
+from autotune.models.drive_model import Packed
+
+
+def shape_base(state: SearchState) -> None:
+    """What textbooks have in the base may have another shape there: that is asked before anything else."""
+    if not state.more_to_explain(state.root):
+        return
+    shaped = state.borne_out(with_base_shapes(state.problem, state.root, state.nominal))
+    if shaped is not None:
+        state.progress("another law of the base")
+        state.take_root(shaped)
+
+
+def other_law_beside(state: SearchState) -> bool:
+    """Whether one does so beside what was found: then the root has it, and effects are looked for anew.
+
+    Where what explained more could not be taken after all, or errs more inside the twin, it does.
+    """
+    other = _outdone_after_all(state)
+    found, beside = state.chosen or _best_refused(state), state.beside
+    if other is None and found is not None:
+        other = _root_beside(state, found)
+    if other is None:
+        other = _law_in_place(state)
+    if other is None or other.fitted.cost > LEVEL_GROUND * state.root.fitted.cost:
+        state.beside = beside
+        return False
+    state.progress("another law of the base")
+    state.take_root(other)
+    return not state.begins_again()
+
+
+def _outdone_after_all(state: SearchState) -> ModelFit | None:
+    """The law of the base that the best effect seemed to outdo, if it explains more than what was found.
+
+    Fitted to what is compared now: torque and motion may have been moved since, by what was found.
+    """
+    there = settled_in(state.problem, state.outdone) if state.outdone is not None else None
+    if there is None or state.chosen is None:
+        return None if there is None else there[1]
+    problem, other = there
+    less = error_left(problem, other) < error_left(problem, state.chosen.model_fit)
+    return other if less else None
+
+
+def _root_beside(state: SearchState, chosen: FittedCandidate) -> ModelFit | None:
+    """The root with a law of the base that the data ask for beside an effect; None where they do not.
+
+    Training may be explained where the veto trajectory is not.
+    """
+    if not (chosen.share < REFINED or state.more_to_explain(chosen.model_fit)):
+        return None
+    before = chosen.model_fit
+    found = [
+        (law, state.borne_out(law.added(state.problem, before, asked_for), before)) for law in state.laws
+    ]
+    beside = [(law, after) for law, after in found if after is not None]
+    if not beside:
+        return None
+    law, after = min(beside, key=lambda item: item[1].fitted.cost)
+    state.beside = after
+    starts = [taken_out(state.root, after, *after.effects)]
+    if max(law.slots) < layout.BASE_PARAMETERS:
+        p = state.root.fitted.packed.p.copy()
+        p[list(law.slots)] = after.fitted.packed.p[list(law.slots)]
+        starts.append(Packed(p, state.root.fitted.packed.on))
+    free = [*state.root.free, *(one for one in after.free if one.slot in law.slots)]
+    fits = [fit_inside_twin(state.problem, packed, free, 2, state.root.effects) for packed in starts]
+    return min((one for one in fits if one is not None), key=lambda one: one.fitted.cost, default=None)
+
+
+def _law_in_place(state: SearchState) -> ModelFit | None:
+    """The root with a law of the base that leaves less than what was found, where the veto tells of neither.
+
+    On a veto trajectory that is noise nearly all an effect has next to nothing to explain, and explains it; of a law of
+    the base more is asked (`asked_for`). What every drive may have comes before what may be missing.
+    """
+    problem, chosen = state.problem, state.chosen
+    if chosen is None or not problem.has_veto or chosen.share < problem.policy.partly:
+        return None
+    if gain_on_veto(problem, state.root, chosen.model_fit) >= problem.policy.clear_gain:
+        return None
+    found = [state.borne_out(law.added(problem, state.root, not_refuted)) for law in state.laws]
+    best = min(
+        (one for one in found if one is not None), key=lambda one: error_left(problem, one), default=None
+    )
+    less = best is not None and error_left(problem, best) < error_left(problem, chosen.model_fit)
+    return best if less else None
+
+
+def _best_refused(state: SearchState) -> FittedCandidate | None:
+    """The best of the first round that explains half of all, where none was taken."""
+    half = [one for one in state.tried if one.share >= state.problem.policy.partly]
+    return min(half, key=lambda one: error_left(state.problem, one.model_fit), default=None)
+
+
+def drop_laws(state: SearchState, only_where_less_is_left: bool = False) -> None:
+    """The base is the plain one again where it needs no other law beside what was found.
+
+    What has its name beside such a law, which the data did ask for, and would lose it without, keeps the law: in a
+    recording whose experiments are few the held-out ones tell of a law by chance. `only_where_less_is_left`: before
+    more is looked for the plain base must leave less than the law, which stood for what was missing then and bends the
+    rest since: a memory is no answer to that.
+    """
+    for law in BASE_LAWS:
+        if state.chosen is None or not (_has(law, state.root) and _has(law, state.chosen.model_fit)):
+            continue
+        less = law.removed(state.problem, state.chosen.model_fit)
+        if less is None or asked_for(state.problem, less, state.chosen.model_fit):
+            continue
+        root = law.removed(state.problem, state.root)
+        if root is None:
+            continue
+        plainer = judged_again(state.problem, root, state.chosen, less)
+        if only_where_less_is_left:
+            plainer = refined(state.problem, root, plainer, state.progress)
+            if plainer.model_fit.fitted.cost >= state.chosen.model_fit.fitted.cost:
+                continue
+        if plainer.named or not state.chosen.named:
+            _give_up(state, law, root, plainer)
+
+
+def _give_up(state: SearchState, law: BaseLaw, root: ModelFit, plainer: FittedCandidate) -> None:
+    """Makes it the root and the chosen model without a law of the base; what they are compared with has none either."""
+
+    def without(model_fit: ModelFit) -> ModelFit | None:
+        return law.removed(state.problem, model_fit) if _has(law, model_fit) else model_fit
+
+    def compared(items: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+        own, again = plainer.model_fit.effects, []
+        for one in items:
+            bare = plainer.model_fit if one.model_fit.effects == own else without(one.model_fit)
+            if bare is not None:
+                known = plainer if bare is plainer.model_fit else one
+                again.append(judged(state.problem, root, bare, one.effect).with_courses_of(known))
+        return again
+
+    tried, later = compared(state.tried), compared(state.later)
+    state.unloaded = without(state.unloaded) if state.unloaded is not None else None
+    state.root, state.chosen, state.tried, state.later = root, plainer, tried, later
+
+
+def _has(law: BaseLaw, model_fit: ModelFit) -> bool:
+    """Whether a model has a law of the base, and no memory by the same elements."""
+    its_own = law is not CLIMB_LAW or MEMORY not in model_fit.effects
+    return its_own and law.there(model_fit.fitted.packed)
+
+
+def beside_own_presliding(state: SearchState, found: Found) -> Found:
+    """The same with elements that are no memory in the root: what was found beside them keeps its name."""
+    chosen = found.chosen
+    own = with_own_presliding(state.problem, state.root, chosen.model_fit) if chosen is not None else None
+    if own is None or chosen is None:
+        return found
+    climbs = _remembered_beyond(state, own)
+    if climbs is not None:
+        remembers = judged_again(state.problem, climbs, chosen, chosen.model_fit)
+        found = replace(found, root=climbs, chosen=remembers, presliding=chosen)
+        return _rivals_in_the_climb(state, found, remembers)
+    others = tuple(effect for effect in chosen.model_fit.effects if effect != MEMORY)
+    beside = replace(_beside_elements(chosen), effect=others[-1]) if others else None
+    beside = beside if beside is not None and _needed_beside(state, own, beside) else None
+    alike = [_beside_elements(item) for item in found.exchanged if MEMORY in item.model_fit.effects]
+    single = {item.effect: item for item in state.tried if item.effect != MEMORY}
+    if len(others) == 1 and beside is not None:  # those by themselves lack the elements
+        single |= {item.effect: item for item in alike}
+    found = replace(
+        found,
+        root=own,
+        chosen=beside,
+        first=[item for item in state.first if item.effect != MEMORY],
+        tried=list(single.values()),
+        exchanged=alike if len(others) > 1 else (),
+        presliding=chosen,
+    )
+    return found if found.chosen is not None else _begun_beside(state, found)
+
+
+def _rivals_in_the_climb(state: SearchState, found: Found, remembers: FittedCandidate) -> Found:
+    """The same with the climb of the root in what may stand for the memory: by themselves its rivals lack it."""
+    alone = len(remembers.model_fit.effects) < 2
+    root, begun = found.root, remembers
+    if alone:
+        begun = replace(remembers, model_fit=replace(root, effects=(MEMORY,)))
+
+    def beside(item: FittedCandidate) -> FittedCandidate | None:
+        own, new = exchanged_for(remembers, item)
+        if own == {MEMORY} and len(new) == 1:
+            return in_place_of(state.problem, root, begun, MEMORY, replace(item, effect=new.pop()))
+        return judged_again(state.problem, root, item, item.model_fit)
+
+    again = [beside(item) for item in (found.tried if alone else found.exchanged)]
+    fits = [item for item in again if item is not None]
+    return replace(found, tried=fits) if alone else replace(found, exchanged=fits)
+
+
+def _beside_elements(item: FittedCandidate) -> FittedCandidate:
+    """A fit with elements that are no memory: the root has them, and its effects are the others."""
+    others = tuple(effect for effect in item.model_fit.effects if effect != MEMORY)
+    return replace(item, model_fit=replace(item.model_fit, effects=others)).with_courses_of(item)
+
+
+def _begun_beside(state: SearchState, found: Found) -> Found:
+    """The search begun anew beside a presliding of its own, where something is left while that contact slides.
+
+    What it leaves elsewhere is what no two laws of it have in common; an effect must hold where it slides.
+    """
+    own, problem = found.root, state.problem
+    sliding = beyond_presliding(problem, own.fitted.packed)
+    if sliding is None:
+        return found
+    there = held_out_of(sliding, own)
+    generic = state.evidence.telling(problem.policy, generic_gains(sliding, there))
+    found = replace(found, generic=generic, sliding=sliding)
+    structured = max(generic.values(), default=0.0) > problem.policy.generic_gain
+    left = state.evidence.structure_left(sliding, own) if state.evidence.repeats else structured
+    left = left or goes_with_place(sliding, own.fitted)
+    if not left:
+        return found
+    again = SearchState(problem, own, state.nominal, state.progress, state.evidence)
+    best = one_round(again, first=True)
+    if best is not None:
+        take(again, best)
+        tidy(again)
+    beside = replace(found, first=again.first, tried=again.tried)
+    if again.problem is not problem:  # aligned, or shaken, as the effect suggests
+        sliding = beyond_presliding(again.problem, again.root.fitted.packed)
+    if again.chosen is None or sliding is None:
+        return beside
+    chosen = _while_sliding(again, sliding, again.chosen)
+    if chosen is None:
+        return beside
+    found = replace(beside, problem=again.problem, root=again.root, sliding=sliding)
+    return replace(found, chosen=chosen)
+
+
+def where_it_slides(state: SearchState, found: Found) -> Found:
+    """What was found, by what it explains while the contact slides, where the base has another law of presliding.
+
+    No two such laws are alike near a reversal, and what the law that was found leaves there is as much a part of
+    what repeats as an effect is. An effect that explains half of all, and all that is left where any contact
+    slides, is no worse for it.
+    """
+    chosen, root = found.chosen, found.root
+    if chosen is None or chosen.named or found.sliding is not None or not has_other_law(root.fitted.packed):
+        return found
+    sliding = beyond_presliding(state.problem, root.fitted.packed)
+    if sliding is None or not _shares_with_repeats(state, sliding, chosen):
+        return found
+    part = judged_again(sliding, root, chosen, chosen.model_fit)
+    if part.share <= chosen.share:
+        return found
+    return replace(found, chosen=replace(part, gain=chosen.gain), sliding=sliding)
+
+
+def _shares_with_repeats(state: SearchState, sliding: Problem, chosen: FittedCandidate) -> bool:
+    """Whether repeats tell that something is left while the contact slides, of which half of all is explained."""
+    if not state.evidence.repeats or chosen.share < state.problem.policy.partly:
+        return False
+    return state.evidence.structure_left(sliding, state.root)
+
+
+def _while_sliding(state: SearchState, sliding: Problem, chosen: FittedCandidate) -> FittedCandidate | None:
+    """An effect by what it explains while the contact slides; None where it hardly lowers what is left there.
+
+    On the rows around it leaves what the law of presliding is not exactly, which no effect explains.
+    """
+    policy, root = state.problem.policy, state.root
+    part = judged_again(sliding, root, chosen, chosen.model_fit)
+    least = policy.least_gain if state.evidence.repeats else policy.least_gain_single
+    if part.training.fall < least * sliding.mean_square(root.fitted.error, TRAINING):
+        return None
+    return replace(part, gain=chosen.gain) if part.share >= policy.partly else None
+
+
+def _remembered_beyond(state: SearchState, own: ModelFit) -> ModelFit | None:
+    """The root with a presliding of its own, where elements that go on beyond it are a memory; else None.
+
+    That contact lets go at once, so that what goes on may be a small part of all friction; it must be an effect by
+    itself, as any other beside that root.
+    """
+    climbs = without_memory(state.problem, state.root, own)
+    if climbs is None or not asked_for(state.problem, climbs, own):
+        return None
+    tail = judged(state.problem, climbs, replace(own, effects=(*own.effects, MEMORY)), MEMORY)
+    fall = climbs.fitted.cost - own.fitted.cost
+    gain, z = gain_and_z(climbs.unseen, own.unseen)
+    item = ScreenedCandidate(MEMORY, own.fitted, fall, gain, z, evenly=evenly(climbs.unseen, own.unseen))
+    stopped = state.evidence.stopped_by(state.problem, climbs, item)
+    return climbs if tail.named and not stopped and state.worth_having(tail, climbs) else None
+
+
+def _needed_beside(state: SearchState, own: ModelFit, chosen: FittedCandidate) -> bool:
+    """Whether effects explain most of what another law of presliding leaves: that law explains the rest of all."""
+    alone = judged(state.problem, own, chosen.model_fit, chosen.effect)
+    return not state.evidence.repeats or alone.share >= state.problem.policy.partly
