@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
+from autotune.diagnosis.backward import Backward
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, exchanged_for, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
@@ -132,6 +133,24 @@ def without(
         less = without_effect(problem, root, chosen.model_fit, effect)
         chosen = less.with_courses_of(chosen) if less is not None else chosen
     return chosen
+
+
+def with_chosen(found: Found, chosen: FittedCandidate | None) -> Found:
+    """What a search found with what is chosen at last: what tells of a second mass (`Found.unloaded`) anew, where other
+    effects stand beside it since.
+    """
+    return replace(found, chosen=chosen, unloaded=_unloaded(found, chosen))
+
+
+def _unloaded(found: Found, chosen: FittedCandidate | None) -> ModelFit | None:
+    known = found.unloaded
+    if chosen is None or known is None:
+        return None
+    beside = {effect for effect in chosen.model_fit.effects if not EFFECTS[effect].in_transmission}
+    if set(known.effects) == beside:
+        return known
+    evidence = evidence_of(found.problem.data)
+    return Backward(found.problem, found.root, evidence, no_progress).unloaded(chosen)
 
 
 def compare_alternatives(

@@ -25,6 +25,7 @@ from autotune.diagnosis.confirmation import (
     hold_out,
     in_words,
     told_apart,
+    with_chosen,
     without,
 )
 from autotune.diagnosis.evidence.evidence import MOST_UNEXPLAINED, HoldoutResult
@@ -131,8 +132,8 @@ def of_each(
             silent.append(f"Recording {number} tells too little by itself: {reason}.")
             continue
         chosen, carried = confirm(found, nominal)
-        found = replace(found, chosen=chosen)
-        verdict = replace(judge(found, (*notes, *in_words(carried)), carried), recordings=tuple(part))
+        verdict = judge(with_chosen(found, chosen), (*notes, *in_words(carried)), carried)
+        verdict, found = replace(verdict, recordings=tuple(part)), replace(found, chosen=chosen)
         alone.append(_Alone(number, found, nominal, notes, carried, verdict))
     if not alone:
         return None
@@ -192,7 +193,7 @@ def _told(one: _Alone, others: Sequence[_Alone], judge: Judge, progress: Progres
     refuted = [item.effect for item in carried if item.refuted]
     carried = [*one.carried, *carried]
     said = (searched, *one.notes, *in_words(carried))
-    verdict = judge(replace(found, chosen=chosen), said, carried)
+    verdict = judge(with_chosen(found, chosen), said, carried)
     held = {item.effect for item in carried if item.lowers} | shown
     if chosen is not None and not by_itself and verdict.verdict == NAMED and held & set(verdict.effects):
         verdict = _without_unheld(one, replace(found, chosen=chosen), said, carried, held, judge) or verdict
@@ -222,7 +223,7 @@ def _without_unheld(
         return None
     names = " and ".join(unheld).replace("_", " ")
     said = (f"Recording {one.number} alone shows {names}, which is not named.", *said)
-    verdict = judge(replace(found, chosen=less), said, carried)
+    verdict = judge(with_chosen(found, less), said, carried)
     return verdict if verdict.verdict == NAMED else None
 
 

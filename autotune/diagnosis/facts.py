@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.backward import MOTOR, Backward
+from autotune.diagnosis.backward import MOTOR
 from autotune.diagnosis.base_laws import without_effects
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -15,7 +15,6 @@ from autotune.diagnosis.candidates import (
     exchanged_for,
     explained_of_rest,
     is_end_of,
-    no_progress,
 )
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
@@ -414,7 +413,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     freed = chosen.freed if chosen is not None else {}
     facts = Facts(
         *seen, found.first, found.tried, freed, found.presliding, hunts=hunts, base=found.base,
-        spring=found.spring, unloaded=_unloaded(found, evidence), delayed=found.delayed, cut_short=found.cut_short,
+        spring=found.spring, unloaded=found.unloaded, delayed=found.delayed, cut_short=found.cut_short,
         bare=None if chosen is None or evidence.repeats else without_effects(problem, root),
     )  # fmt: skip
     facts = replace(facts, each_told=_each_told(facts))
@@ -439,17 +438,6 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     left = left or (chosen is None and _of_place(problem, root))
     climbing = found.sliding is not None and not left and _something_left(facts, problem)
     return replace(facts, left=left, climbing=climbing)
-
-
-def _unloaded(found: Found, evidence: Evidence) -> ModelFit | None:
-    """What tells of a second mass (`Found.unloaded`), anew where other effects stand beside it since."""
-    chosen, known = found.chosen, found.unloaded
-    if chosen is None or known is None:
-        return None
-    beside = {effect for effect in chosen.model_fit.effects if not EFFECTS[effect].in_transmission}
-    if set(known.effects) == beside:
-        return known
-    return Backward(found.problem, found.root, evidence, no_progress).unloaded(chosen)
 
 
 def _or_a_weight(facts: Facts, told_apart: Sequence[str]) -> Facts:

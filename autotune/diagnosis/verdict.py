@@ -20,7 +20,7 @@ from autotune.diagnosis.candidates import (
     no_progress,
 )
 from autotune.diagnosis.compare import check_same_axis, stated
-from autotune.diagnosis.confirmation import confirm, in_words
+from autotune.diagnosis.confirmation import confirm, in_words, with_chosen
 from autotune.diagnosis.contact_laws import of_many
 from autotune.diagnosis.each_recording import Searched, of_each, own_recordings
 from autotune.diagnosis.evidence.evidence import HoldoutResult
@@ -175,7 +175,7 @@ def _together(searched: Searched, progress: Progress) -> Diagnosis:
     found, nominal, notes = searched
     progress("does another trajectory confirm it")
     chosen, carried = confirm(found, nominal)
-    return judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
+    return judge(with_chosen(found, chosen), (*notes, *in_words(carried)), carried)
 
 
 def _may_be_another_row(searched: Searched) -> bool:

@@ -13,7 +13,6 @@ from autotune.diagnosis import (
     backward,
     base_beside,
     confirmation,
-    facts,
     refits,
     rounds,
     search,
@@ -497,10 +496,11 @@ def test_what_tells_of_a_second_mass_stands_beside_it(
     known = SimpleNamespace(effects=("stribeck",), name="known")
     anew = SimpleNamespace(effects=("thermal_drift",), name="anew")
     monkeypatch.setattr(backward, "without_effect", lambda *_: Item("", anew, named=False))
-    problem, chosen = problem_of(has_veto=True), item(*effects)
-    found: Any = SimpleNamespace(problem=problem, root=None, chosen=chosen, unloaded=known)
-    left = facts._unloaded(found, SimpleNamespace(repeats=True))  # type: ignore[arg-type]
+    problem = problem_of(has_veto=True, data=SimpleNamespace(steady=False, repeated=True))
+    found = Found(problem, None, item("stribeck", "backlash"), (), (), {}, unloaded=known)
+    left = confirmation.with_chosen(found, item(*effects)).unloaded
     assert (None if left is None else left.name) == told
+    assert confirmation.with_chosen(found, None).unloaded is None
 
 
 def _replaced(one: Any, **changes: Any) -> Any:
