@@ -11,7 +11,13 @@ import pytest
 from scipy.signal import cont2discrete
 
 from autotune.control.gains.loop import Gains, LoopTiming, Notch, cascade, cascade_of, cascaded_from
-from autotune.control.gains.regimes import LinearAxis, characteristic_space, linear_axis, torque_stages
+from autotune.control.gains.regimes import (
+    LinearAxis,
+    Regime,
+    characteristic_space,
+    linear_axis,
+    torque_stages,
+)
 from autotune.control.gains.sampled import (
     axis_response,
     closed_loop_radius,
@@ -24,6 +30,9 @@ from autotune.control.gains.sampled import (
 from autotune.control.gains.twin import follow
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
+from autotune.models import layout
+from autotune.models.drive_model import base_model
+from autotune.models.inverse import required
 from autotune.models.table import EFFECTS
 from autotune.models.total_friction import stiffness_at_rest
 from tests.control.gains_axis import TIMING, lugre, vertical
@@ -168,3 +177,37 @@ def test_noise_of_a_count_and_wrong_gains() -> None:
     for wrong in ({"kp": -1.0}, {"kd": math.nan}, {"derivative_filter": 0.0}):
         with pytest.raises(ConfigurationError):
             Gains(**{"kp": 1.0, "kd": 1.0, **wrong})
+
+
+SPRUNG: dict[str, dict[str, float]] = {"spring": {"stiffness": 10.0}}
+MEMORY: dict[str, dict[str, float]] = {
+    "reversal_memory": {"displacement_1": 0.05, "torque_1": 0.5, "damping": 1e-2}
+}
+
+
+@pytest.mark.parametrize(
+    ("beside", "regime"), [(SPRUNG, "sliding"), (MEMORY, "sticking")], ids=["spring", "memory"]
+)
+@pytest.mark.parametrize("rub", [0.0, 0.5, 1.0])
+def test_what_pulls_at_the_motor_alone_is_not_shared_with_the_load(
+    beside: dict[str, dict[str, float]], regime: Regime, rub: float
+) -> None:
+    """The torque that a small sine at the motor needs, by the inverse and by the regime's two masses."""
+    friction = (1e-9, 1e-3, 1e-9) if regime == "sliding" else (0.2, 10.0, 1e-2)
+    base = dict(zip(("coulomb", "stiffness", "micro_damping"), friction, strict=True))
+    elastic = {"compliance": 0.05, "load_inertia": 0.5, "load_friction": rub, "damping": 0.05}
+    model = base_model({"inertia": 1e-3, "viscous": 2e-3, "offset": 0.0, **base})
+    for name, values in {"elastic_transmission": elastic, **beside}.items():
+        model = model.with_effect(EFFECTS[name].make(values))
+    packed, rate, step = model.pack(), 2.0 * math.pi * 25.0, 1e-4
+    time = step * np.arange(round(40.0 / 25.0 / step))
+    place = 1e-5 * np.sin(rate * time)
+    speed = 1e-5 * rate * np.cos(rate * time)
+    torque, state = np.empty(len(time)), np.zeros(layout.STATES)
+    required(packed.p, packed.on, state, place, speed, -(rate**2) * place, step, 4, torque)
+    late = slice(len(time) // 2, None)  # once the load swings as it will
+    turning = np.exp(-1j * rate * time[late])
+    needed = np.mean(torque[late] * turning) / np.mean(place[late] * turning)
+    a, b, c = linear_axis(model, regime).state_space()
+    told = 1.0 / (c @ np.linalg.solve(1j * rate * np.eye(len(b)) - a, b))
+    assert abs(told - needed) < 0.01 * abs(needed)

@@ -2,8 +2,8 @@
 
 Sliding (4.68): J·q'' + σ2·q' = u. Sticking, in presliding (4.69): J·q'' + (σ1 + σ2)·q' + σ0·q = u, where σ0 is the
 stiffness at rest of all that is elastic: the bristle, the elements of reversal memory, a spring. Where the
-transmission is elastic, motor and load are two masses and friction is shared between them. A drive's torque lag
-is one state more for each of its stages.
+transmission is elastic, motor and load are two masses and friction is shared between them; a spring, and elements
+beside the contact, are at the motor (`models.inverse`). A drive's torque lag is one state more for each of its stages.
 """
 
 from __future__ import annotations
@@ -19,9 +19,15 @@ from autotune.core.errors import ConfigurationError
 from autotune.models.backlash import BACKLASH
 from autotune.models.drive_model import DriveModel
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
+from autotune.models.reversal_memory import REMEMBERS, side_of_elements
 from autotune.models.spring import SPRING
 from autotune.models.torque_lag import STAGES, TORQUE_LAG
-from autotune.models.total_friction import damping_at_rest, stiffness_at_rest, total_friction
+from autotune.models.total_friction import (
+    damping_at_rest,
+    stiffness_at_rest,
+    stiffness_of_elements,
+    total_friction,
+)
 
 Regime = Literal["sticking", "sliding"]
 REGIMES: tuple[Regime, ...] = ("sticking", "sliding")
@@ -38,6 +44,7 @@ class LinearAxis:
         coupling, coupling_damping: spring and damper between motor and load; 0 for one mass.
         load_share, load_friction: parts of inertia and of friction beyond the spring.
         lags: time constants of the torque's stages [s].
+        near_stiffness, near_damping: of all stiffness and damping to the ground, what is at the motor and not shared.
     """
 
     inertia: float
@@ -48,6 +55,8 @@ class LinearAxis:
     load_share: float = 0.0
     load_friction: float = 0.0
     lags: tuple[float, ...] = ()
+    near_stiffness: float = 0.0
+    near_damping: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.inertia > 0.0:
@@ -80,8 +89,8 @@ class LinearAxis:
         load = self.inertia * self.load_share
         motor, rub = self.inertia - load, self.load_friction
         k, d = self.coupling, self.coupling_damping
-        near_k, near_d = self.stiffness * (1.0 - rub), self.damping * (1.0 - rub)
-        far_k, far_d = self.stiffness * rub, self.damping * rub
+        far_k, far_d = (self.stiffness - self.near_stiffness) * rub, (self.damping - self.near_damping) * rub
+        near_k, near_d = self.stiffness - far_k, self.damping - far_d
         a = np.array(
             [
                 [0.0, 1.0, 0.0, 0.0],
@@ -107,9 +116,8 @@ def linear_axis(model: DriveModel, regime: Regime) -> LinearAxis:
     """The axis in one regime."""
     sticks = regime == "sticking"
     damping = model["viscous"] + (damping_at_rest(model) if sticks else 0.0)
-    stiffness = stiffness_at_rest(model) if sticks else 0.0
-    if SPRING.name in model:
-        stiffness += model[SPRING.surface("stiffness")]
+    spring = model[SPRING.surface("stiffness")] if SPRING.name in model else 0.0
+    stiffness = spring + (stiffness_at_rest(model) if sticks else 0.0)
     lags = torque_stages(model)
     found = next(((kind, name) for kind, name in COMPLIANT if kind.name in model), None)
     if found is None:
@@ -118,6 +126,7 @@ def linear_axis(model: DriveModel, regime: Regime) -> LinearAxis:
     share = model[kind.surface("load_inertia")]
     coupling = 1.0 / max(compliance, 1e-12)
     reduced = model["inertia"] * share * (1.0 - share)
+    near, its_damping = _beside_the_contact(model) if sticks else (0.0, 0.0)
     return LinearAxis(
         model["inertia"],
         damping,
@@ -127,7 +136,17 @@ def linear_axis(model: DriveModel, regime: Regime) -> LinearAxis:
         share,
         model[kind.surface("load_friction")],
         lags,
+        spring + near,
+        its_damping,
     )
+
+
+def _beside_the_contact(model: DriveModel) -> tuple[float, float]:
+    """Stiffness and damping at rest of elements that are no part of the contact, and so at the motor alone."""
+    packed = model.pack()
+    if not packed.on[REMEMBERS] or side_of_elements(packed.p, 1.0)[1] > 0.0:
+        return 0.0, 0.0
+    return stiffness_of_elements(model), damping_at_rest(model) - model["micro_damping"]
 
 
 def torque_stages(model: DriveModel) -> tuple[float, ...]:
