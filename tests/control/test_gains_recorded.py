@@ -38,3 +38,15 @@ def test_without_set_points_nothing_is_said() -> None:
     moving = np.linspace(0.0, 1.0, len(position))
     with pytest.raises(RecordingError, match="record a standstill"):
         held_set_points(recording(position, moving), TIMING.resolution)
+
+
+def test_a_slow_swing_that_was_asked_for_is_no_hunting() -> None:
+    """A sine of five counts moves by hundredths of a count from row to row; the axis follows it to the count."""
+    time, count = np.arange(4000) * TIMING.period, TIMING.resolution
+    wanted = 5.0 * np.sin(2.0 * np.pi * time)
+    with pytest.raises(RecordingError, match="record a standstill"):
+        held_set_points(recording(count * np.round(wanted), count * wanted), count)
+    rests = np.concatenate([wanted, np.zeros(2000)])
+    seen = held_set_points(recording(count * np.round(rests), count * rests), count)
+    assert seen.cycle is None
+    assert seen.seconds == pytest.approx(2.0, abs=0.1)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -59,7 +61,14 @@ def held_set_points(recording: Recording, resolution: float) -> HeldSetPoints:
 
 
 def _held(reference: Floats, resolution: float) -> list[tuple[int, int]]:
-    """Stretches in which the reference does not change by more than a tenth of a count from sample to sample."""
-    still = np.concatenate([[False], np.abs(np.diff(reference)) <= 0.1 * resolution, [False]])
-    edges = np.flatnonzero(np.diff(still.astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+    """Stretches in which the reference stays within a count [rad or m], one after the other.
+
+    A motion that is slow beside the counts, a triangle on a coarse encoder, is none: the axis swings as it is asked to.
+    """
+    edges, low, high = [0], math.inf, -math.inf
+    for k, place in enumerate(reference.tolist()):
+        low, high = min(low, place), max(high, place)
+        if high - low > resolution:
+            edges.append(k)
+            low = high = place
+    return list(pairwise([*edges, len(reference)]))
