@@ -12,6 +12,7 @@ from autotune.diagnosis.candidates import FittedCandidate
 from autotune.diagnosis.evidence import repeated
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.time_driven import TimeLine, without_line
+from autotune.diagnosis.evidence.visibility import visible
 from autotune.estimation import disturbance_estimate
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.contact_start import (
@@ -21,20 +22,22 @@ from autotune.estimation.contact_start import (
 )
 from autotune.estimation.coordinates import since_rest, without_rests
 from autotune.estimation.cross_validation import Explained, _explainable_fall, explained, of_friction
-from autotune.estimation.data import TEST, TRAINING, VETO, Block
+from autotune.estimation.data import TEST, TRAINING, VETO, Block, prepare
 from autotune.estimation.disturbance_estimate import (
     by_certainty,
     null_errors,
     with_counts,
     with_expected_noise,
 )
-from autotune.estimation.problem import Problem
+from autotune.estimation.problem import Problem, new_problem
 from autotune.estimation.residual import residual
 from autotune.estimation.twin_runs import SEED
 from autotune.models import layout
-from autotune.models.drive_model import Packed
+from autotune.models.drive_model import Packed, base_model
 from autotune.models.dwell_time_break_away import DWELL_TIME_BREAK_AWAY
 from autotune.models.reversal_memory import REMEMBERS, REVERSAL_MEMORY
+from autotune.recordings.recording import Recording
+from tests.support.axes import NOMINAL
 
 Begun = tuple[Problem, ModelFit]
 DWELL = DWELL_TIME_BREAK_AWAY.name
@@ -496,3 +499,18 @@ def test_what_twins_differ_and_share_by_is_that_of_the_rows_that_count(
     assert np.max(np.abs(counted)) < 0.5 * noise, (
         "nothing is shared, but for chance: of all rows 450 times that"
     )
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_rows_that_were_lost_are_no_rests(short: Recording, lost: bool) -> None:
+    """A sine never rests; ten runs of lost rows, of 30 to 600 each, are no rests of times that differ."""
+    sine = short.select("sine")
+    missed = np.zeros(len(sine), dtype=np.int64)
+    for first, rows in zip(np.linspace(400, len(sine) - 1500, 10), np.geomspace(30, 600, 10), strict=True):
+        missed[int(first) : int(first + rows)] = int(lost)
+    columns = dict(sine.floats)
+    data = prepare([Recording.from_columns(columns, sine.metadata, sine.experiment, sine.repeat, missed)])
+    item = SimpleNamespace(effect=DWELL, fitted=SimpleNamespace(packed=base_model(NOMINAL).pack()))
+    assert not visible(new_problem(data, None), item)
+    rested = prepare([short])
+    assert visible(new_problem(rested, None), item)

@@ -202,11 +202,14 @@ def _parameters_in_sight(problem: Problem, kind: Kind, p: Floats) -> bool:
 
 
 def _rests_differ(problem: Problem) -> bool:
-    """Whether the axis rested often, and for times that differ: else it is friction at every start."""
+    """Whether the axis rested often, and for times that differ: else it is friction at every start.
+
+    Rows between stretches, which were lost, are no rests, and none goes on from one stretch into the next.
+    """
     data, policy = problem.data, problem.policy
     still = np.abs(data.velocity) < STILL * float(np.percentile(np.abs(data.velocity), 99.5))
-    label, count = scipy.ndimage.label(still)
-    rests = np.bincount(label)[1:] * data.period if count else np.zeros(0)
+    labelled = (scipy.ndimage.label(still[stretch.rows])[0] for stretch in data.stretches)
+    rests = data.period * np.concatenate([np.bincount(label)[1:] for label in labelled])
     rests = rests[rests > SHORTEST_REST]
     return len(rests) >= policy.least_rests and float(np.ptp(np.log(rests))) > math.log(policy.rest_ratio)
 
