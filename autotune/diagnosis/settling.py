@@ -211,7 +211,7 @@ def _shaken_less(state: SearchState, best: FittedCandidate) -> FittedCandidate:
 
 def _told_beside(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     """The best candidate beside the law that is told by it, where it leaves less so."""
-    again = told_beside(state.problem, best.model_fit.fitted)
+    again = told_beside(state.problem, best.model_fit.fitted, state.root.fitted.packed)
     if again is state.problem:
         return best
     state.progress("another law of the controller")

@@ -355,11 +355,12 @@ def _handicap(law: PositionController) -> float:
     return CLEARLY_LESS if law.exact else 1.0
 
 
-def told_beside(problem: Problem, fitted: Fitted) -> Problem:
+def told_beside(problem: Problem, fitted: Fitted, root: Packed | None = None) -> Problem:
     """The problem with the law that is told beside a model; the same where it leaves no less than the one it has.
 
     It was told by a model that lacked an effect, and what was missing may have told another, one whose torque was
-    recorded at another moment, or drowned what every twin took out, so that none was used.
+    recorded at another moment, or drowned what every twin took out, so that none was used. What counts make of two
+    masses nothing tells: it is that of the `root` then.
     """
     law, known = problem.controller or problem.rough, problem.told
     if known is None or law is None:
@@ -379,7 +380,9 @@ def told_beside(problem: Problem, fitted: Fitted) -> Problem:
     data = shifted(its.data, its.data.shift - best.later)
     its = replace(its, data=data, moved=measured_motion(data), rough=None)
     its = replace(its, disturbance=estimate_disturbance(its, fitted.packed))
-    return with_misfit(with_counts(with_expected_noise(its, fitted.packed), fitted.packed))
+    its = with_expected_noise(its, fitted.packed)
+    one_mass = root if root is not None and its.two_masses(fitted.packed) else fitted.packed
+    return with_misfit(with_counts(its, one_mass))
 
 
 def _question(

@@ -10,17 +10,21 @@ import pytest
 from autotune.core.arrays import Floats
 from autotune.estimation import model_error as model_error_module
 from autotune.estimation.alignment import CURRENT_LOOP, followed_late, shifted
+from autotune.estimation.bias_corrected_fit import twinned
 from autotune.estimation.controller import as_recorded
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance
+from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import PlainFit, model_error, plain_fit, told_beside, told_by_twin
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem, Told, led
 from autotune.estimation.residual import Simulated, smoothed
 from autotune.estimation.twin_runs import run_twin, run_twins, slower
+from autotune.models import layout
 from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
 from autotune.models.drive_model import Packed, base_model
+from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import IS_LATE, TIME_CONSTANT
 from autotune.recordings.recording import Metadata, Recording
 from tests.estimation.simulated import AXIS, PERIOD, TRUE, recorded
@@ -294,6 +298,24 @@ def test_what_is_found_tells_the_law_again(twin: bool) -> None:
     if twin:
         asked, told = _asked_again(data, law, None)
         assert told is asked
+
+
+def test_what_counts_make_is_known_beside_another_law_of_two_masses_too() -> None:
+    """No twins tell it of these; those of the rigid axis do, where it was known of them and the law changes."""
+    data, _ = _read_at_a_moment(0.0)
+    problem, _ = _asked_again(data, LATE, None)
+    rigid = plain_fit(data, base_model(AXIS).pack(), POLICY).fitted
+    between = {"compliance": 1e-3, "load_inertia": 0.3, "load_friction": 0.0, "damping": 0.3}
+    loaded = base_model(AXIS).with_effect(EFFECTS["elastic_transmission"].make(between)).pack()
+    loaded.p[: len(layout.BASE)] = rigid.packed.p[: len(layout.BASE)]
+    here = twinned(problem, loaded)
+    assert here is not None
+    found = replace(rigid, packed=loaded, error=here.error, cost=here.cost)
+    again = told_beside(problem, found, rigid.packed)
+    assert again.controller != problem.controller
+    level, chance = again.comes_by_counts(TRAINING)
+    assert (level, chance) == with_counts(again, rigid.packed).comes_by_counts(TRAINING)
+    assert level > 0.0
 
 
 @pytest.mark.parametrize(
