@@ -35,6 +35,7 @@ from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.spring import RAMPS, SPRING
 from autotune.models.start_values import StartValues
 from autotune.models.table import EFFECTS
+from autotune.models.torque_saturation import torque_slope
 from autotune.signals.chunks import beyond_chance, by_second
 from autotune.signals.line_search import lowest
 
@@ -421,12 +422,12 @@ class _Proportioned:
             [one for one in fitted.free if (one.slot in slots) is inside] for inside in (True, False)
         )
         here, bare = fitted.packed, taken_out(root, model_fit, effect)
-        first, second = _parts_of_each(problem, here.p, own, told)
+        first, second = _parts_of_each(problem, here, own, told)
         weight = problem.weight * problem.data.role(TRAINING, VETO)
         changed = _changes(problem, here, [*others, *own])
         base, law = changed[:, : len(others)], changed[:, len(others) :]
         return cls(
-            effect, weight, _parts(problem, here.p, told)[1], first, second, law + first + second, base,
+            effect, weight, _parts(problem, here, told)[1], first, second, law + first + second, base,
             fitted.error, _changes(problem, bare, others), problem.raw(bare) - bias,
         )  # fmt: skip
 
@@ -459,22 +460,28 @@ def _changes(problem: Problem, packed: Packed, free: Sequence[Free]) -> Floats:
     return np.asarray((found[1:] - found[0]).T / parts)
 
 
-def _parts(problem: Problem, p: Floats, told: Proportion) -> tuple[Floats, Floats]:
-    """Both parts through the low-pass, shape (m,) each."""
+def _seen(problem: Problem, packed: Packed, torque: Floats) -> Floats:
+    """A torque at the shaft [N m], shape (n,), as a residual has it: in the demand's scale, low-passed, shape (m,)."""
+    slope = torque_slope(packed.p, packed.on, problem.moved.torque)
+    return smoothed(problem.data, np.ascontiguousarray(torque / slope))
+
+
+def _parts(problem: Problem, packed: Packed, told: Proportion) -> tuple[Floats, Floats]:
+    """Both parts as a residual has them, shape (m,) each."""
     moved = problem.moved
-    first, second = told.parts(p, moved.position, moved.velocity, moved.acceleration)
-    return smoothed(problem.data, first), smoothed(problem.data, second)
+    first, second = told.parts(packed.p, moved.position, moved.velocity, moved.acceleration)
+    return _seen(problem, packed, first), _seen(problem, packed, second)
 
 
 def _parts_of_each(
-    problem: Problem, p: Floats, own: Sequence[Free], told: Proportion
+    problem: Problem, packed: Packed, own: Sequence[Free], told: Proportion
 ) -> tuple[Floats, Floats]:
     """Both parts that each of the effect's parameters, as long as its scale, adds; shape (m, parameters) each."""
-    here, found = _parts(problem, p, told), []
+    here, found = _parts(problem, packed, told), []
     for one in own:
-        more = p.copy()
-        more[one.slot] += one.scale_at(float(p[one.slot]))
-        there = _parts(problem, more, told)
+        more = packed.p.copy()
+        more[one.slot] += one.scale_at(float(packed.p[one.slot]))
+        there = _parts(problem, Packed(more, packed.on), told)
         found.append((there[0] - here[0], there[1] - here[1]))
     first, second = (np.column_stack(columns) for columns in zip(*found, strict=True))
     return first, second
@@ -523,7 +530,7 @@ def _relaxed(problem: Problem, model_fit: ModelFit, effect: str) -> Relaxed | No
     changed = _changes(problem, packed, model_fit.free)
     longest = data.period * max(one.stop - one.start for one in data.stretches)
     times = np.geomspace(SOONEST, max(SEEN_TO_ITS_END * longest, 2.0 * SOONEST), RELAXATIONS)
-    lates = [smoothed(data, followed_late(data, course, seconds)) for seconds in times]
+    lates = [_seen(problem, packed, followed_late(data, course, seconds)) for seconds in times]
     lefts = [followed(np.column_stack([changed, late]), error, weight) for late in lates]
     best = min(range(len(times)), key=lambda i: float(weight @ lefts[i] ** 2))
     if best in (0, len(times) - 1):  # sooner or later still: not what is looked for
@@ -534,7 +541,7 @@ def _relaxed(problem: Problem, model_fit: ModelFit, effect: str) -> Relaxed | No
         return None
     slots = {one.slot for one in kind.parameters}
     others = changed[:, [one.slot not in slots for one in model_fit.free]]
-    table = np.column_stack([others, smoothed(data, course), lates[best]])
+    table = np.column_stack([others, _seen(problem, packed, course), lates[best]])
     root = np.sqrt(weight)
     *_, more, late = np.linalg.lstsq(table * root[:, None], error * root, rcond=None)[0]
     alone = weight * followed(table[:, :-1], table[:, -1], weight)

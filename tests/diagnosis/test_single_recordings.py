@@ -496,6 +496,25 @@ def test_an_inertia_that_changes_with_the_place_is_no_encoder_off_centre(
         assert told.error < (0.15 if oiled else 0.05)
 
 
+def test_a_proportion_is_told_beside_a_motor_that_saturates() -> None:
+    """The residual is in the demand's scale: of a crank 0.45 was told, by the torque at the shaft."""
+    recording, kind = _swinging(0.0, 0.03, 0.0), EFFECTS["encoder_eccentricity"]
+    largest = 1.4 * float(np.max(np.abs(recording["torque"])))
+    lost = EFFECTS["torque_saturation"].make({"loss": 0.3, "torque": largest, "exponent": 2.0})
+    curved = (1.0 - 0.3) ** -2 - 1.0
+    demands = np.linspace(0.0, 1.2 * largest, 4000)
+    gives = demands / np.sqrt(1.0 + curved * (demands / largest) ** 2)
+    asked = np.sign(recording["torque"]) * np.interp(np.abs(recording["torque"]), gives, demands)
+    values = {"inertia": 0.01, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 1000.0}
+    plain = base_model(values | {"micro_damping": 0.1, "offset": 0.0}).with_effect(lost)
+    model = plain.with_effect(kind.make({"sin": -0.03, "cos": 0.0, "order": 1.0}))
+    problem, found, _, _ = begin(prepared_for([_with(recording, torque=asked)]), model)
+    root = replace(found, fitted=replace(found.fitted, packed=plain.pack()))
+    told = out_of_proportion(problem, root, replace(found, effects=(kind.name,)))
+    assert told is not None
+    assert told.times == pytest.approx(0.5, abs=0.02)
+
+
 def test_a_model_is_fitted_without_the_effects_that_it_has() -> None:
     """It leaves what the plain model leaves of the same rows, however its bristle was held."""
     values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
