@@ -201,8 +201,9 @@ def _slow(
     chosen = int(np.argmin(np.multiply(left, freedom)))
     if left[chosen] > (1.0 - LEAST_GAIN) * held_out_error(_best(trials).parts):
         return None
-    spring = next(one for (kind, _), one in zip(looked, left, strict=True) if kind.spring)
-    alike = len(left) > 1 and max(left[chosen], spring) <= ALIKE * min(left)
+    told = looked[chosen][0].spring
+    others = [one for (kind, _), one in zip(looked, left, strict=True) if kind.spring is not told]
+    alike = bool(others) and max(left[chosen], min(others)) <= ALIKE * min(left)
     return replace(looked[chosen][0], spring_like=alike), looked[chosen][1]
 
 

@@ -145,6 +145,14 @@ def test_gravity_of_a_load_behind_a_gear_has_its_own_order(far: float, within: f
     assert taken_in["coulomb"] == pytest.approx(COULOMB, rel=within)
 
 
+@pytest.mark.parametrize(("narrow", "alike"), [(0.3, True), (1.0, False), (3.0, False)])
+def test_a_spring_is_like_gravity_only_where_that_leaves_as_little(narrow: float, alike: bool) -> None:
+    """Over 0.7 rad a sine bends as little as noise tells; over two and seven it leaves many times as much."""
+    found = fit_recordings([arm(spring=8.0, narrow=narrow)])
+    assert "as a spring makes it, of 8" in said(found)
+    assert ("gravity and a spring look alike" in said(found)) is alike
+
+
 def test_gravity_over_a_turn_is_no_effect_of_an_axis_that_slides() -> None:
     """Over a quarter of a metre it was a wave like the offset, and the fit was four times as bad as without."""
     turning = arm(spring=5.0)
