@@ -218,10 +218,12 @@ def _comes_again(problem: Problem, error: Floats, correction: Correction, role: 
 def shared(problem: Problem, fitted: Fitted, correction: Correction) -> float:
     """Variance of the training rows that repeats share, and of a level that drifts between them [(N m)²].
 
-    What drifts up in one repeat and down in the other has lowered the product of the two: it counts twice.
+    What drifts up in one repeat and down in the other has lowered the product of the two: of two it counts twice.
     """
     variance, _ = problem.repeatable(fitted.error, correction, TRAINING)
-    return variance + 2.0 * drift(problem, fitted, correction, TRAINING)[0]
+    column = of_friction(problem, fitted, correction, TRAINING)
+    level = _level_between(problem, fitted.error, column, TRAINING)
+    return variance + level.variance + level.lowers
 
 
 def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> tuple[float, float]:
@@ -238,11 +240,13 @@ class _Level:
     Attributes:
         slopes: relative, by experiment with repeats, in the order of its rows; 0 where by chance.
         z: of one slope of all experiments; variance: that the levels explain [(N m)²].
+        lowers: by how much they lower the mean product of two repeats [(N m)²].
     """
 
     slopes: tuple[float, ...]
     z: float
     variance: float
+    lowers: float
 
 
 class _Differs(NamedTuple):
@@ -267,22 +271,25 @@ def _differs(difference: Floats, level: Floats) -> _Differs:
 def _level_between(problem: Problem, error: Floats, column: Floats | None, role: str) -> _Level:
     """By an error and the sensitivity to friction, both of shape (m,); None where that was not fitted.
 
-    Of rows that count, as all else that repeats tell. One slope for all experiments, where it is no chance. Or each has
-    its own that is half of what differs between its repeats, where these explain twice as much: an axis that warms
-    while the first is played, and hardly after it, differs in none of the others.
+    Of rows that count, as all else that repeats tell; from the first repeat to the last a level goes in even steps. One
+    slope for all experiments, where it is no chance. Or each has its own that is half of what differs between its
+    repeats, where these explain twice as much: an axis that warms while the first is played, and hardly after it,
+    differs in none of the others.
     """
     policy, differences, levels = problem.policy, [], []
-    for block in _repeated(problem, role) if column is not None else ():
+    blocks = _repeated(problem, role) if column is not None else []
+    for block in blocks:
         counts = np.all(block.by_repeat(problem.weight) > 0.0, axis=0)
         table, level = (block.by_repeat(np.asarray(one))[:, counts] for one in (error, column))
         differences.append(np.asarray(table[-1] - table[0]))
         levels.append(np.asarray(0.5 * (level[-1] + level[0])))
     if not any(len(level) for level in levels):
-        return _Level((0.0,) * len(levels), 0.0, 0.0)
+        return _Level((0.0,) * len(levels), 0.0, 0.0, 0.0)
 
-    def variance(slopes: Sequence[float]) -> float:
-        power = sum(slope**2 * float(level @ level) for slope, level in zip(slopes, levels, strict=True))
-        return 0.25 * power / sum(len(level) for level in levels)
+    def variances(slopes: Sequence[float]) -> Floats:
+        parts = zip(slopes, levels, blocks, strict=True)
+        powers = [slope**2 * float(level @ level) * _late(one.repeats).var() for slope, level, one in parts]
+        return np.array(powers) / sum(len(level) for level in levels)
 
     together = _differs(np.concatenate(differences), np.concatenate(levels))
     alike = abs(together.z) >= policy.drift_z and together.share >= policy.drift_part
@@ -290,9 +297,16 @@ def _level_between(problem: Problem, error: Floats, column: Floats | None, role:
     alone = [_differs(one, level) for one, level in zip(differences, levels, strict=True)]
     counts = [abs(one.z) >= policy.drift_z and one.share >= policy.partly for one in alone]
     own = tuple(one.slope if is_one else 0.0 for one, is_one in zip(alone, counts, strict=True))
-    if policy.partly * variance(own) > variance(slopes):
+    if policy.partly * variances(own).sum() > variances(slopes).sum():
         slopes = own
-    return _Level(slopes, together.z, variance(slopes))
+    explain = variances(slopes)
+    lowers = sum(part / (block.repeats - 1) for part, block in zip(explain.tolist(), blocks, strict=True))
+    return _Level(slopes, together.z, float(explain.sum()), lowers)
+
+
+def _late(repeats: int) -> Floats:
+    """When each repeat was played, from half before the middle to half after it, shape (repeats,)."""
+    return np.linspace(-0.5, 0.5, repeats)
 
 
 def _repeated(problem: Problem, role: str) -> list[Block]:
@@ -310,7 +324,7 @@ def _of_drift(problem: Problem, error: Floats, column: Floats | None, role: str)
         return 0.0
     level = error.copy()
     for block, slope in zip(_repeated(problem, role), found.slopes, strict=True):
-        late = np.linspace(-0.5, 0.5, block.repeats)[:, None]
+        late = _late(block.repeats)[:, None]
         level[block.rows] -= (slope * late * block.by_repeat(column)).ravel()
     return problem.noise_variance(error, role) - problem.noise_variance(level, role)
 

@@ -1,14 +1,22 @@
 """A friction level that differs between repeats: of all experiments alike, or of the one that an axis warms in."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from autotune.core.arrays import Floats
-from autotune.estimation.cross_validation import _level_between, _of_drift
+from autotune.estimation.bandwidth import prepared_to_fit
+from autotune.estimation.cross_validation import _level_between, _of_drift, drift, shared, still_explainable
 from autotune.estimation.data import TRAINING, Block
+from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.policy import POLICY
+from autotune.estimation.problem import new_problem
+from autotune.models import layout
+from autotune.models.drive_model import base_model
+from autotune.recordings.recording import Recording
+from tests.support.axes import NOMINAL
 
 COUNT, EXPERIMENTS = 500, 4
 BLOCKS = tuple(Block(f"part {i}", TRAINING, 2 * i * COUNT, 2, COUNT) for i in range(EXPERIMENTS))
@@ -84,3 +92,31 @@ def test_a_part_of_what_differs_in_one_experiment_is_none() -> None:
 def test_without_friction_there_is_no_level() -> None:
     assert _level_between(PROBLEM, _noise(), None, TRAINING).slopes == ()
     assert _of_drift(PROBLEM, _noise(), None, TRAINING) == 0.0
+
+
+@pytest.mark.parametrize("repeats", [2, 3, 5])
+def test_a_level_that_drifts_is_told_as_large_as_it_is_however_often_a_motion_was_played(
+    short: Recording, repeats: int
+) -> None:
+    """Of three repeats half as much again was told as there was, more than the whole error; of five twice as much."""
+    data = prepared_to_fit([short])
+    blocks = tuple(
+        replace(one, repeats=repeats, count=2 * one.count // repeats)
+        for one in data.blocks
+        if one.role == TRAINING
+    )
+    problem = new_problem(replace(data, blocks=blocks), None)
+    random = np.random.default_rng(3)
+    column, error = np.sign(data.velocity[data.grid]), 1e-3 * random.standard_normal(len(data.grid))
+    drifted = np.zeros_like(error)
+    for block in blocks:
+        late = np.linspace(-0.5, 0.5, block.repeats)[:, None]
+        column[block.rows] = np.tile(block.by_repeat(column)[0], block.repeats)
+        drifted[block.rows] = (0.05 * late * block.by_repeat(column)).ravel()
+    free = Free("coulomb", layout.COULOMB, 0.0, 1.0, 1.0)
+    packed = base_model(NOMINAL).pack()
+    fitted = Fitted(packed, (free,), error + drifted, column[:, None], np.ones(1), 1.0)
+    correction, made = problem.correction(packed), problem.mean_square(drifted, TRAINING)
+    assert drift(problem, fitted, correction, TRAINING)[0] == pytest.approx(made, rel=0.05)
+    assert still_explainable(problem, fitted, correction, TRAINING) == pytest.approx(made, rel=0.05)
+    assert shared(problem, fitted, correction) == pytest.approx(made, rel=0.05)
