@@ -296,9 +296,10 @@ class OwnBase:
         """
         own, effects = model_fit.fitted.packed, model_fit.effects
         packed = with_effects(start, own, effects)
+        here, there = (contact(one.p, one.on)[0] for one in (start, own))
         for level, base in levels_above(effects):
-            if own.p[base] > 0.0:
-                packed.p[level] = own.p[level] * start.p[base] / own.p[base]
+            if there > 0.0:
+                packed.p[level] = start.p[base] + (own.p[level] - own.p[base]) * here / there
         free = list(self.root.free)
         if anew:
             slots = {parameter.slot for name in anew for parameter in EFFECTS[name].parameters}
@@ -336,7 +337,8 @@ class OwnBase:
 def levels_above(effects: Sequence[str]) -> list[tuple[int, int]]:
     """Slots of parameters that are levels on top of one of the base, each with that one's.
 
-    Under another load or warmer the break-away torque is another one, as Coulomb friction is; their ratio stays.
+    Under another load or warmer the break-away torque is another one, as Coulomb friction is; their ratio stays. It is
+    that of the whole contact, of which the bristle may carry next to nothing beside its elements.
     """
     parameters = [parameter for name in effects for parameter in EFFECTS[name].parameters]
     return [(one.slot, one.above) for one in parameters if one.above >= 0]

@@ -24,7 +24,7 @@ from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.layout import BREAK_AWAY, COULOMB, INERTIA, flag
-from autotune.models.reversal_memory import REVERSAL_MEMORY
+from autotune.models.reversal_memory import REVERSAL_MEMORY, contact
 from autotune.models.table import EFFECTS
 from tests.support.axes import NOMINAL
 
@@ -237,6 +237,43 @@ def test_a_break_away_torque_is_carried_in_proportion_to_the_friction_there(
     settled = OwnBase(2, SimpleNamespace(problem=None, root=own)).fit_of(one)
     assert asked == pytest.approx([0.525, 0.45])
     assert settled.fitted.packed.p[EFFECTS["spring"].slot("stiffness")] == 0.004
+
+
+def _of_elements(level: float, rise: float | None) -> Packed:
+    """A contact of that level, nine tenths of it in elements of its own; `rise`: of the level, at rest."""
+    model = base_model(NOMINAL | {"coulomb": 0.1 * level, "stiffness": 0.1 * level / 3e-3})
+    elements = {
+        "displacement_1": 2e-3,
+        "torque_1": 0.4 * level,
+        "displacement_2": 4e-3,
+        "torque_2": 0.5 * level,
+    }
+    model = model.with_effect(EFFECTS["reversal_memory"].make(elements | {"attraction": 1e6}))
+    if rise is not None:
+        values = {"break_away": (0.1 + rise) * level, "stribeck_velocity": 0.05}
+        model = model.with_effect(EFFECTS["stribeck"].make(values))
+    return model.pack()
+
+
+@pytest.mark.parametrize("elements", ["here", "there"])
+def test_a_break_away_torque_is_in_proportion_to_all_that_a_contact_carries(
+    monkeypatch: pytest.MonkeyPatch, elements: str
+) -> None:
+    """Of elements the bristle is a tenth: by its friction alone half more at rest was a twentieth, or five times."""
+    single = base_model(NOMINAL | {"coulomb": 0.2}).with_effect(
+        EFFECTS["stribeck"].make({"break_away": 0.3, "stribeck_velocity": 0.05})
+    )
+    found = single.pack() if elements == "here" else _of_elements(0.2, 0.5)
+    root = _of_elements(0.35, None) if elements == "here" else base_model(NOMINAL | {"coulomb": 0.35}).pack()
+    carried: list[Packed] = []
+    monkeypatch.setattr(each_recording, "fit_inside_twin", lambda _, packed, *rest: carried.append(packed))
+    one = SimpleNamespace(effects=("stribeck",), fitted=SimpleNamespace(packed=found))
+    own = SimpleNamespace(free=(), fitted=SimpleNamespace(packed=root))
+    OwnBase(2, SimpleNamespace(problem=None, root=own)).fit_of(one)
+    (packed,) = carried
+    level, _ = contact(packed.p, packed.on)
+    assert level == pytest.approx(0.35)
+    assert packed.p[BREAK_AWAY] - packed.p[COULOMB] == pytest.approx(0.5 * level)
 
 
 def test_a_name_that_no_recording_shows_first_by_itself_is_not_confirmed(
