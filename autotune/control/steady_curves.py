@@ -188,7 +188,7 @@ def _draws(model: DriveModel) -> list[DriveModel]:
 
 
 def fastest_shown(models: Sequence[DriveModel]) -> float:
-    """Ten times the largest Stribeck velocity, or where viscous friction equals Coulomb friction."""
+    """Ten times the largest Stribeck velocity, or where viscous friction is a fifth of all other [rad/s or m/s]."""
     speeds = []
     for model in models:
         if STRIBECK.name in model:
