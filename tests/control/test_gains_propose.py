@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -115,6 +117,14 @@ def test_a_bandwidth_that_no_margins_bear_is_told_with_what_to_do() -> None:
     assert found.verdict is None
     assert "no gains with a crossover of 200 Hz keep the requirements" in found.limited_by
     assert "Leave --bandwidth out" in found.limited_by
+
+
+@pytest.mark.parametrize(("moves", "unit"), [("rad", "N m"), ("m", "N")])
+def test_what_a_count_makes_is_told_in_the_axis_s_unit(moves: str, unit: str) -> None:
+    model, coarse = replace(lugre(), motion_unit=moves), replace(TIMING, resolution=2.0 * math.pi / 500)
+    steps = Task(step_sizes(model, coarse, 0.2), 1.26)
+    found = propose(family(model, coarse), steps, THESIS, 30.0)
+    assert re.search(rf"one count makes [\d.]+ {unit}, and 5 % of the torque limit", found.limited_by)
 
 
 def test_a_bandwidth_beyond_the_cycle_or_a_resonance_is_refused() -> None:

@@ -118,7 +118,7 @@ def _limit(
         return f"the bandwidth asked for, {bandwidth:g} Hz"
     if torque_noise(gains, member.timing) > 0.9 * wanted.noise * member.timing.torque_limit:
         return (
-            f"the encoder: one count makes a torque of {torque_noise(gains, member.timing):.3g}, and "
+            f"the encoder: one count makes {torque_noise(gains, member.timing):.3g} {member.model.torque_symbol}, and "
             f"{100 * wanted.noise:g} % of the torque limit are allowed"
         )
     worst = min(corners, key=lambda one: margins(one.axis, gains, one.period, one.response).modulus)
