@@ -25,6 +25,7 @@ from autotune.estimation.residual import residual, residuals, smoothed
 from autotune.estimation.twin_runs import SEED, run_twin
 from autotune.models import layout
 from autotune.models.drive_model import Packed, base_model
+from autotune.models.reversal_memory import REMEMBERS, as_one_bristle
 from autotune.models.transmission import has_load
 
 REACHES = (1e-5, 1e-4, 1e-3)  # of the travel
@@ -241,10 +242,10 @@ def sticking(problem: Problem, packed: Packed) -> tuple[Problem, tuple[Packed, .
     """The problem without rows at rest and with what a fit may start from, where no count of presliding is seen.
 
     There friction holds any torque, and a bristle that is to explain that torque gives way when the axis reverses. No
-    starts where the contact is seen, or has no static friction to stick by.
+    starts where the contact is seen, in its bristle or in elements beside that, or has no static friction to stick by.
     """
     p = packed.p
-    reach = float(p[layout.COULOMB] / p[layout.STIFFNESS])
+    reach = as_one_bristle(p)[1] if packed.on[REMEMBERS] else float(p[layout.COULOMB] / p[layout.STIFFNESS])
     sticks = reach < problem.data.resolution and p[layout.CREEP_VELOCITY] == 0.0
     if not problem.data.repeated or not sticks or has_load(packed.on):
         return problem, ()

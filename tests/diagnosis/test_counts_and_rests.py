@@ -417,6 +417,25 @@ def test_where_no_count_of_presliding_is_seen_rows_at_rest_are_left_out(begun: B
     )
 
 
+@pytest.mark.parametrize(("carried", "seen"), [(0.9, True), (0.1, False)])
+def test_a_contact_is_seen_in_the_elements_that_carry_most_of_it(
+    begun: Begun, carried: float, seen: bool
+) -> None:
+    """Beside a stiff bristle with a tenth of the friction they bend over many counts, and no rest holds any torque."""
+    problem, model_fit = begun
+    p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
+    whole, count = p[layout.COULOMB], problem.data.resolution
+    p[layout.COULOMB] *= 1.0 - carried
+    p[layout.STIFFNESS] = p[layout.COULOMB] / (0.2 * count)
+    on[REMEMBERS] = True
+    for number, far in enumerate((10.0, 40.0), 1):
+        p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = far * count
+        p[REVERSAL_MEMORY.slot(f"torque_{number}")] = 0.5 * carried * whole
+    without, starts = sticking(problem, Packed(p, on))
+    assert (starts == ()) is seen
+    assert (without is problem) is seen
+
+
 def test_a_friction_level_that_drifts_is_explained_though_the_disturbance_was_told_with_it(
     begun: Begun,
 ) -> None:
