@@ -77,9 +77,10 @@ NOTHING = 1e-12
 """Of the largest band's power: below it a band has none, and it is rounding."""
 WORTH_A_PART = 5.0
 """Fall of the misfit, in variances of a band, that another parameter must bring."""
-WITHOUT = ([0], [0, 1])
-WITH_MEMORY = ([2], [1, 2], [0, 2], [0, 1, 2])
-"""Parts that are tried together: white, position, and coloured."""
+Tried = tuple[tuple[tuple[int, ...], ...], tuple[tuple[int, ...], ...]]
+ANY: Tried = ((0,), (0, 1)), ((2,), (1, 2), (0, 2), (0, 1, 2))
+WITHOUT_POSITION: Tried = ((0,),), ((2,), (0, 2))
+"""Parts that are tried together, without memory and with one: white, position, and coloured."""
 QUIETEST = 0.1
 """Of the chunks, where rows are written late."""
 CHAOTIC = 0.3
@@ -88,6 +89,8 @@ PARTS_ALONE = (0.7, 0.5, 0.35, 0.25)
 """Of the level found in a recording without repeats, whose residual holds the model's error as well: what is tried."""
 LEVELS = (4.0, 8.0, 16.0, 32.0, 64.0)
 """Parts of the level that would make all differences between repeats: what is tried then."""
+BY_CHANCE = 0.98
+"""Of what a twin leaves: less than that is no chance of its runs."""
 UNEVEN = 2.5
 """Mean over median power of chunks, over what it is in the twin: no steady noise."""
 TWINS_BY_ROW, ALIKE, LEAST_CERTAIN = 2, 30, 0.2
@@ -141,6 +144,7 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
     matcher = _matcher(problem, packed, chunks)
     measured = chunks.power(raw)
     found, simulated = replace(STILL, jitter=jitter), measured
+    quiet = found
     own: list[Floats] = []
     uneven: list[Floats] = []
     for number in range(ROUNDS):
@@ -151,12 +155,16 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
         own.append(matcher.bands(again[1]) - matcher.of_position(found))
         uneven.append(matcher.scatter(again[1]))
         scatter = matcher.scatter(measured) + np.mean(uneven, axis=0) / len(uneven)
-        matched = matcher.matched(matcher.bands(measured), np.mean(own, axis=0), len(chunks.starts), scatter)
+        bands = matcher.bands(measured), np.mean(own, axis=0)
+        matched = matcher.matched(*bands, len(chunks.starts), scatter)
         found = replace(matched, jitter=jitter)
+        quiet = replace(matcher.matched(*bands, len(chunks.starts), scatter, WITHOUT_POSITION), jitter=jitter)
     if chunks.paired and own and _chaotic(matcher.bands(measured), np.mean(own, axis=0)):
         found = level_of_least(problem, packed, (found, *_levels_of_all(problem, packed, found)))
     elif own and not chunks.paired:
         found = level_of_least(problem, packed, (found, *(found.louder(part) for part in PARTS_ALONE)))
+    if chunks.paired and found.position > 0.0:
+        found = _unless_quiet(problem, packed, found, quiet)
     return replace(found, sensor=sensor, uneven=_unevenness(measured, simulated))
 
 
@@ -187,13 +195,27 @@ def level_of_least(problem: Problem, packed: Packed, levels: Sequence[Disturbanc
     How much friction and counts are averaged tells how much the axis is shaken: a twin that is shaken too much, or too
     little, leaves what comes again in every repeat.
     """
+    return levels[int(np.argmin(_left(problem, packed, levels)))]
+
+
+def _unless_quiet(problem: Problem, packed: Packed, found: Disturbance, quiet: Disturbance) -> Disturbance:
+    """The disturbance with the encoder's noise that its spectrum tells, or without, where its twin clearly leaves less.
+
+    What repeats differ by at the upper end of the band, as friction, counts or late rows make them, looks as that noise
+    does; a twin that hears it in every tick is shaken by all that its loop makes of it far above the band.
+    """
+    heard, without = _left(problem, packed, (found, quiet))
+    return quiet if without < BY_CHANCE * heard else found
+
+
+def _left(problem: Problem, packed: Packed, levels: Sequence[Disturbance]) -> list[float]:
+    """Mean square that twins under several disturbances leave of the training rows [(N m)²]; inf: unstable."""
     problem = problem.until_trained()
     error = problem.raw(packed)
-    costs = [
+    return [
         problem.mean_square(error - one.bias, TRAINING) if one.stable else math.inf
         for one in problem.corrections_under(levels, packed)
     ]
-    return levels[int(np.argmin(costs))]
 
 
 def _shaken(
@@ -287,7 +309,9 @@ class _Matcher:
             [INDEPENDENT * chunks * np.sum((self.hertz >= a) & (self.hertz < b)) for a, b in parts]
         )
 
-    def matched(self, measured: Floats, own: Floats, chunks: int, scatter: Floats) -> Disturbance:
+    def matched(
+        self, measured: Floats, own: Floats, chunks: int, scatter: Floats, tried: Tried = ANY
+    ) -> Disturbance:
         """The disturbance that adds to what quantiser and friction have in each band what was measured there.
 
         Of models with one part or more the plainest that comes near the best. `scatter`: variance of `measured` less
@@ -303,8 +327,8 @@ class _Matcher:
         best, lowest = STILL, math.inf
         for memory in (0.0, *memories):
             columns = self._columns(memory)
-            for parts in WITH_MEMORY if memory > 0.0 else WITHOUT:
-                table = columns[:, parts] * weight[:, None]
+            for parts in tried[memory > 0.0]:
+                table = columns[:, list(parts)] * weight[:, None]
                 size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
                 powers, misfit = scipy.optimize.nnls(table / size, (measured - own) * weight)
                 cost = misfit**2 + WORTH_A_PART * (len(parts) + (memory > 0.0))

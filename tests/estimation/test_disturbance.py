@@ -1,11 +1,13 @@
 """A disturbance with its colour: drawn as stated, found again beside the noise of the torque sensor."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from autotune.core.arrays import Floats
 from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance, jitter_of, memory_of
@@ -41,17 +43,32 @@ def test_what_is_drawn_has_its_level_and_its_memory(memory: float) -> None:
 
 
 def _shaken(recording: Recording, packed: Packed, memory: float) -> Prepared:
-    """The reference played by the twin, shaken with a noise made here, its torque read by a noisy sensor."""
+    """The reference played by the twin, shaken with a noise of that memory, its torque read by a noisy sensor."""
+
+    def noise(random: np.random.Generator, n: int) -> Floats:
+        drawn = lfilter([1.0], [1.0, -memory], random.normal(0, 1, n))
+        return np.asarray(LEVEL * np.sqrt(1 - memory**2) * drawn)
+
+    return _shaken_by(recording, packed, noise)
+
+
+def _shaken_by(
+    recording: Recording,
+    packed: Packed,
+    noise: Callable[[np.random.Generator, int], Floats],
+    encoder: float = 0.0,
+) -> Prepared:
+    """The same with a noise that is made here, and one of the encoder [rad]."""
     data = prepare([recording])
     random = np.random.default_rng(7)
     n = len(data.time)
-    noise = LEVEL * np.sqrt(1 - memory**2) * lfilter([1.0], [1.0, -memory], random.normal(0, 1, n))
+    made = noise(random, n)
 
     class Given(Disturbance):
         def drawn(self, random, size, period):
-            return noise
+            return made
 
-    run = run_twin(data, packed, find_controller(data), Given(white=LEVEL), random)
+    run = run_twin(data, packed, find_controller(data), Given(white=LEVEL, position=encoder), random)
     torque = run.torque + random.normal(0, SENSOR, n)
     moved = filtered_motion(run.position, data.stretches, data.period, data.motion_cutoff)
     return replace(
@@ -77,6 +94,25 @@ def test_process_and_sensor_noise_are_told_apart(recording: Recording, memory: f
         assert found.process == pytest.approx(LEVEL, rel=0.25)
         assert found.coloured > found.white
         assert memory_of(found.correlation, data.period) == pytest.approx(memory, abs=0.1)
+
+
+@pytest.mark.slow
+def test_an_encoder_s_noise_is_told_where_there_is_some(recording: Recording) -> None:
+    """20 µrad, a sixth of a count; a fifth is what half a minute's bands tell."""
+    packed = true_model(plain_axis(3).plant, ()).pack()
+    data = _shaken_by(recording, packed, lambda random, n: LEVEL * random.normal(0, 1, n), 2e-5)
+    found = estimate_disturbance(new_problem(data, find_controller(data)), packed)
+    assert found.position == pytest.approx(2e-5, rel=0.2)
+
+
+@pytest.mark.slow
+def test_a_torque_that_grows_with_frequency_is_no_noise_of_the_encoder(recording: Recording) -> None:
+    """Its spectrum tells 55 µrad; a twin that hears them leaves 15 % more than one that is shaken by torque alone."""
+    packed = true_model(plain_axis(3).plant, ()).pack()
+    data = _shaken_by(recording, packed, lambda random, n: 2e-2 * np.diff(random.normal(0, 1, n + 1)))
+    found = estimate_disturbance(new_problem(data, find_controller(data)), packed)
+    assert found.position == 0.0
+    assert found.process > 0.0
 
 
 def test_without_a_controller_nothing_is_shaken(recording: Recording) -> None:
