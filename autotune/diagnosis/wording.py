@@ -165,7 +165,8 @@ MOVED_UNTOLD = (
 )
 NOT_LOOKED_FOR = (
     "Without a twin {names} cannot be told, and {was} not looked for; a twin needs the reference that the controller "
-    "followed, and all of the torque that the axis was given."
+    "followed, and all of the torque that the axis was given. How much one of them would explain a fit tells, but not "
+    "whether it is there: autotune model add EFFECT FILE --model MODEL.toml --out NEW.toml."
 )
 MOVED = (
     "The axis answers {late:.2g} ms after the torque that {told}. A current loop or a filter between demand "
@@ -195,11 +196,9 @@ LEFT_BESIDE = (
     "Beside what is named an error of {times:.2g} times the noise is left that comes again: another effect, or another "
     "law of what is named; where and when it is there, the page of autotune model compare --html shows."
 )
-GIVEN_AS = (
-    "Give it as a second file (autotune model diagnose FILE OTHER), or in this one, its rows labelled 'veto'."
-)
+GIVEN_AS = "Give it as a further file (autotune model diagnose FILE OTHER), or in this one, its rows labelled 'veto'."
 GIVEN_BESIDE = (
-    "Give it as a second file (autotune model diagnose FILE OTHER), beside the rows labelled 'veto' in this."
+    "Give it as a further file (autotune model diagnose FILE OTHER), beside the rows labelled 'veto' in this."
 )
 """How a trajectory reaches a diagnosis that confirms by it, and how where one is there already."""
 PLAYED_ONCE = "the veto trajectory, of which no two repeats are alike, does not bear it out beyond chance"
@@ -661,9 +660,10 @@ def next_experiment(
     if verdict == "named" and confidence == "suspected":
         if not confusable and kinds >= ALL_KINDS:
             return OTHER_TRAJECTORY.format(kinds=kinds, how=_how(own_axis), given=given)
-        near = confusable[0] if confusable else effects
-        said = separating_experiment(near, own_axis) + there
-        return f"{said}. A second trajectory confirms or refutes the name. {given}"
+        said = (
+            separating_experiment(confusable[0], own_axis) if confusable else _confirming(effects, own_axis)
+        )
+        return f"{said}{there}. Another trajectory confirms or refutes the name. {given}"
     if verdict == "unknown" and kinds >= ALL_KINDS:
         return OTHER_STATE.format(kinds=kinds)
     if verdict == "unknown":
@@ -678,13 +678,22 @@ def separating_experiment(rivals: Sequence[str], own_axis: bool) -> str:
         rivals: effects, the likeliest first.
         own_axis: whether the recordings came from an axis that this program can move.
     """
+    names = [rival.replace("_", " ") for rival in rivals[:MOST_NAMES]]
+    aim = f"To tell {' from '.join(names)}" if len(names) == 2 else f"To tell {', '.join(names)} apart"
+    return _experiment(aim if len(names) > 1 else "To learn more", rivals, own_axis)
+
+
+def _confirming(effects: Sequence[str], own_axis: bool) -> str:
+    """The same for effects that are all named: none of them is to be told from another."""
+    names = " and ".join(effect.replace("_", " ") for effect in effects)
+    return _experiment(f"To confirm {names}", effects, own_axis)
+
+
+def _experiment(aim: str, rivals: Sequence[str], own_axis: bool) -> str:
     sets = looking_alike()
     best = max(sets, key=lambda one: (len(sets[one] & set(rivals)), -len(sets[one])))
     separates = len(sets[best] & set(rivals)) > 1
     words = best.experiment if separates else "small and large, slow and fast motion over the whole travel"
-    names = [rival.replace("_", " ") for rival in rivals[:MOST_NAMES]]
-    aim = f"To tell {' from '.join(names)}" if len(names) == 2 else f"To tell {', '.join(names)} apart"
-    aim = aim if len(names) > 1 else "To learn more"
     return f"{aim}, move the axis so: {words}; {_how(own_axis)}"
 
 

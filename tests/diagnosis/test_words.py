@@ -74,6 +74,13 @@ def test_a_name_that_nothing_resembles_asks_for_another_trajectory_and_no_motion
     assert "move the axis so" not in all_of_them
 
 
+def test_effects_that_are_all_named_are_to_be_confirmed_and_not_told_apart() -> None:
+    pair = "position_dependent_friction", "torque_saturation"
+    text = next_experiment("named", pair, (), "suspected", None, False, 2)
+    assert text is not None
+    assert text.startswith("To confirm position dependent friction and torque saturation")
+
+
 @pytest.mark.parametrize("kinds", [2, 5])
 def test_rows_that_are_labelled_veto_are_not_asked_for_where_they_are_there(kinds: int) -> None:
     without, with_veto = (
@@ -83,7 +90,7 @@ def test_rows_that_are_labelled_veto_are_not_asked_for_where_they_are_there(kind
     assert without is not None
     assert "in this one, its rows labelled 'veto'" in without
     assert with_veto is not None
-    assert "as a second file" in with_veto
+    assert "as a further file" in with_veto
     assert "in this one" not in with_veto
 
 
