@@ -243,7 +243,7 @@ class DiagnosisResult(Result):
         }
 
     def _sentence(self) -> str:
-        return headline(self.verdict, self.effects, self.confidence, self.complete)
+        return headline(self.verdict, self.effects, self.confidence, self.complete, self.twin)
 
     def _rows(self) -> list[dict[str, Any]]:
         keys = ("effect", "gain", "error_before", "error_after", "accepted", "why")

@@ -42,7 +42,7 @@ def compared_lines(result: Comparison) -> Iterator[str]:
 
 def diagnosis_lines(result: DiagnosisResult) -> Iterator[str]:
     unit = result.torque_unit
-    yield headline(result.verdict, result.effects, result.confidence, result.complete)
+    yield headline(result.verdict, result.effects, result.confidence, result.complete, result.twin)
     for effect in result.effects:
         kind = effect_kind(effect)
         yield f"  looks like: {kind.looks_like}"

@@ -196,6 +196,7 @@ LEFT_BESIDE = (
     "Beside what is named an error of {times:.2g} times the noise is left that comes again: another effect, or another "
     "law of what is named; where and when it is there, the page of autotune model compare --html shows."
 )
+NEEDS_A_TWIN = "; what needs a twin was not looked for"
 GIVEN_AS = "Give it as a further file (autotune model diagnose FILE OTHER), or in this one, its rows labelled 'veto'."
 GIVEN_BESIDE = (
     "Give it as a further file (autotune model diagnose FILE OTHER), beside the rows labelled 'veto' in this."
@@ -624,14 +625,16 @@ def left_note(problem: Problem, model_fit: ModelFit) -> str:
     return LEFT_BESIDE.format(times=math.sqrt(again / noise))
 
 
-def headline(verdict: str, effects: Sequence[str], confidence: str | None, complete: bool) -> str:
-    """The verdict in a line; `complete`: all was asked, and the time was not up before."""
+def headline(
+    verdict: str, effects: Sequence[str], confidence: str | None, complete: bool, twin: bool = True
+) -> str:
+    """The verdict in a line; `complete`: all was asked, and the time was not up before; `twin`: there was one."""
     names = ", ".join(effects)
     if verdict == UNKNOWN and not complete:
         return "time was up before anything had a name: whether something is missing is not known"
     return {
         NAMED: f"missing: {names} ({confidence})",
-        NONE: "nothing is missing that these data could show",
+        NONE: f"nothing is missing that these data could show{'' if twin else NEEDS_A_TWIN}",
         UNKNOWN: "something is missing that is none of the known effects",
         AMBIGUOUS: f"missing: {names}, or what looks like it",
     }[verdict]

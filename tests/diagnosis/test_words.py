@@ -15,6 +15,7 @@ from autotune.diagnosis import wording
 from autotune.diagnosis.wording import (
     MOST_NAMES,
     PROGRAMME,
+    headline,
     left_note,
     missing_codes_note,
     nearest,
@@ -72,6 +73,12 @@ def test_a_name_that_nothing_resembles_asks_for_another_trajectory_and_no_motion
     assert "5 kinds of motion" in all_of_them
     assert "Another trajectory confirms or refutes" in all_of_them
     assert "move the axis so" not in all_of_them
+
+
+def test_that_nothing_is_missing_says_what_was_not_looked_for() -> None:
+    with_twin, without = (headline("none", (), None, complete=True, twin=twin) for twin in (True, False))
+    assert with_twin == "nothing is missing that these data could show"
+    assert without == f"{with_twin}; what needs a twin was not looked for"
 
 
 def test_effects_that_are_all_named_are_to_be_confirmed_and_not_told_apart() -> None:
