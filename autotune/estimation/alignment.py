@@ -230,11 +230,25 @@ def followed_late(data: Prepared, demand: Floats, time_constant: float) -> Float
 
 
 def aligned(data: Prepared) -> Prepared:
-    """The data with the torque shifted to where it fits inertia and friction best.
+    """The data with the torque shifted to where it fits inertia and friction best, beside what else may be there.
 
-    Rows near a reversal do not count: friction that reverses over some travel looks like a delay.
+    Rows near a reversal do not count: friction that reverses over some travel looks like a delay. Nor does what a
+    spring, a weight, friction under load and a viscosity that bends explain (`also_there`): where one of them is
+    missing, a torque that is moved by a millisecond stands for a part of it.
     """
-    return shifted(data, _aligned_best(data)[0])
+    shift = _aligned_beside(data)
+    return shifted(data, _aligned_best(data)[0] if shift is None else shift)
+
+
+def _aligned_beside(data: Prepared) -> float | None:
+    """Shift at which inertia and friction and what may be there beside them leave least of the torque.
+
+    None where they leave much of it, are no axis's there, or would have it moved beyond the usual range.
+    """
+    rows = away_from_reversals(data)
+    shift, left = best_shift(lambda s: _misfit_beside(shifted(data, s), rows), 0.0, data.upsampling)
+    usual = left <= LARGE and shift < data.upsampling * LATEST
+    return shift if usual and drives(shifted(data, shift), rows) else None
 
 
 def _aligned_best(data: Prepared) -> tuple[float, float]:
@@ -252,7 +266,7 @@ def _aligned_best(data: Prepared) -> tuple[float, float]:
         return known[shift]
 
     shift, left = best_shift(cost, 0.0, data.upsampling)
-    if not _drives(shifted(data, shift), rows):
+    if not drives(shifted(data, shift), rows):
         return 0.0, cost(0.0)
     if shift < data.upsampling * LATEST:
         return shift, left
@@ -309,7 +323,25 @@ def linear_misfit(data: Prepared, rows: Flags, loaded: bool = False) -> float:
     return float(np.sum(left**2)) / max(float(np.sum((target - target.mean()) ** 2)), 1e-300)
 
 
-def _drives(data: Prepared, rows: Flags) -> bool:
+def also_there(data: Prepared) -> Floats:
+    """Torques that may be there beside inertia and friction, to a size, on the grid, shape (m, 3 or 5).
+
+    Of a spring and a weight; of friction that grows with the torque of inertia; of one that grows with the square of
+    speed.
+    """
+    pressed = np.abs(data.acceleration) * np.sign(data.velocity)
+    bent = data.velocity * np.abs(data.velocity)
+    return np.column_stack([_of_place(data), smoothed(data, pressed), smoothed(data, bent)])
+
+
+def _misfit_beside(data: Prepared, rows: Flags) -> float:
+    """Share of the torque's variance that is left beside inertia, friction and what may be there, on some grid rows."""
+    table, target = _columns(data)[rows], smoothed(data, acted(data.torque))[rows]
+    _, left = _solved(np.column_stack([table, also_there(data)[rows]]), target)
+    return float(left @ left) / max(float(np.sum((target - target.mean()) ** 2)), 1e-300)
+
+
+def drives(data: Prepared, rows: Flags) -> bool:
     """Whether the torque accelerates the axis and works against its friction.
 
     A controller's answer does neither: it holds against every motion, and the way of the sensor to the controller looks
@@ -332,15 +364,7 @@ def linear_fit(data: Prepared, rows: Flags, loaded: bool = False) -> tuple[Float
     Shapes (4,), (r,), (r,). A spring and a weight stand beside them where much is left that they explain; and friction
     that grows with the torque of inertia where they are `loaded`.
     """
-    table = np.column_stack(
-        [
-            smoothed(data, data.acceleration),
-            smoothed(data, data.velocity),
-            smoothed(data, np.sign(data.velocity)),
-            np.ones(len(data.grid)),
-        ]
-    )
-    target, table = smoothed(data, acted(data.torque))[rows], table[rows]
+    target, table = smoothed(data, acted(data.torque))[rows], _columns(data)[rows]
     gains, left = _solved(table, target)
     if loaded or left @ left > LARGE * float(np.sum((target - target.mean()) ** 2)):
         columns = [table, _of_place(data)[rows]]
@@ -351,6 +375,18 @@ def linear_fit(data: Prepared, rows: Flags, loaded: bool = False) -> tuple[Float
         if loaded or less @ less <= CLEARLY * float(left @ left):
             gains, left = beside[: len(gains)], less
     return gains, target, left
+
+
+def _columns(data: Prepared) -> Floats:
+    """Acceleration, velocity, its sign and 1, on the grid, shape (m, 4)."""
+    return np.column_stack(
+        [
+            smoothed(data, data.acceleration),
+            smoothed(data, data.velocity),
+            smoothed(data, np.sign(data.velocity)),
+            np.ones(len(data.grid)),
+        ]
+    )
 
 
 def _solved(table: Floats, target: Floats) -> tuple[Floats, Floats]:
@@ -418,7 +454,7 @@ def filtered_or_late(data: Prepared) -> Filtered:
             alike = through(data, samples)
             shift, misfit = _shift_from_here(alike)
             if misfit < best and abs(shift) < abs(data.shift):  # it is why the torque seemed early or late
-                if not _drives(shifted(alike, shift), rows):
+                if not drives(shifted(alike, shift), rows):
                     continue
                 if linear_misfit(shifted(alike, shift), rows, loaded=True) > most:
                     continue
@@ -473,7 +509,7 @@ def low_passed(data: Prepared) -> tuple[str, float] | None:
     if _misfit(alike, loaded=True) > CLEARLY * _misfit(near, loaded=True):
         return None
     rows, shift = away_from_reversals(alike), _shift_from_here(alike)[0]
-    return (column, samples * data.period) if _drives(shifted(alike, shift), rows) else None
+    return (column, samples * data.period) if drives(shifted(alike, shift), rows) else None
 
 
 def compensated(data: Prepared) -> tuple[Prepared, str | None]:

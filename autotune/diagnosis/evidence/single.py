@@ -29,7 +29,7 @@ from autotune.diagnosis.evidence.visibility import (
     resolved_frequency,
     visible,
 )
-from autotune.estimation.alignment import best_shift, shifted
+from autotune.estimation.alignment import also_there, away_from_reversals, best_shift, drives, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import coordinates
 from autotune.estimation.cross_validation import (
@@ -40,7 +40,7 @@ from autotune.estimation.cross_validation import (
     left_unseen,
 )
 from autotune.estimation.data import TRAINING, VETO
-from autotune.estimation.least_squares import Fitted
+from autotune.estimation.least_squares import Fitted, followed
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem, refit, without_outlying
 from autotune.estimation.residual import measured_motion
@@ -227,10 +227,17 @@ class SingleRecording(Evidence):
             data = shifted(problem.data, shift)
             return replace(problem, data=data, moved=measured_motion(data))
 
+        an_axis = drives(problem.data, away_from_reversals(problem.data))
+
         def cost(shift: float) -> float:
-            return refit(
-                moved_by(shift), model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 6
-            ).cost
+            moved = moved_by(shift)
+            fitted = refit(moved, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 6)
+            if not an_axis:
+                return fitted.cost
+            # what is missing must not draw the torque to where it stands for it
+            beside = np.column_stack([fitted.jacobian, also_there(moved.data)])
+            left = followed(beside, fitted.error, moved.training)
+            return float(moved.training @ left**2) / float(moved.training.sum())
 
         here = problem.data.shift
         best, lowest = best_shift(cost, here, problem.data.upsampling)
