@@ -2,10 +2,11 @@
 
     u_ff = J r̈ + F(r, ṙ; contact) + σ2 ṙ + F_g + Σ (ripple, imbalance, spring, reversal memory, …)
 
-with the kernels of the inverse routine (`models.inverse`) stepped along the reference. The torque is held
-from one sample to the next, so the place is that of the middle between the two: half a sample ahead of
-the reference; the contact bends with the mean velocity up to there. As in section 5.1.2 the torque
-depends on the reference only and cannot destabilise the loop.
+with the kernels of the inverse routine (`models.inverse`) stepped along the reference. Position, velocity and
+acceleration are those of the set point at this sample. The torque is held from here to the next sample, so place
+and speed are those of the middle between the two, half a sample ahead, r + T/2·ṙ and ṙ + T/2·r̈; the contact bends
+with the mean velocity up to there, which is ṙ. The acceleration stays that of the set point. As in section 5.1.2
+the torque depends on the reference only and cannot destabilise the loop.
 
 Not every effect of a model belongs into a feedforward; `Kind.not_fed_forward` says which do not, and why.
 """
@@ -19,7 +20,7 @@ from autotune.core.arrays import Floats
 from autotune.core.drive import Sample
 from autotune.models import layout
 from autotune.models.drive_model import CREEP, CURVE, DAMPING_VELOCITY, DriveModel, base_model
-from autotune.models.inverse import required
+from autotune.models.inverse import required, required_after
 
 
 def fed_forward(model: DriveModel) -> DriveModel:
@@ -72,14 +73,17 @@ class ModelFeedforward:
         """Compiles the kernel without changing the state."""
         row = np.zeros((4, 1))
         state = np.zeros(layout.STATES)
-        required(self._p, self._on, state, row[0], row[1], row[2], self._period, 1, row[3])
+        required_after(self._p, self._on, state, 0.0, row[0], row[1], row[2], self._period, 1, row[3])
 
     def step(self, reference: float, velocity: float, acceleration: float, previous: Sample | None) -> float:
-        row = self._row
-        row[0, 0] = reference + 0.5 * self._period * velocity
-        row[1, 0] = velocity
+        row, half = self._row, 0.5 * self._period
+        row[0, 0] = reference + half * velocity
+        row[1, 0] = velocity + half * acceleration
         row[2, 0] = acceleration
-        required(self._p, self._on, self._state, row[0], row[1], row[2], self._period, 1, row[3])
+        before = velocity - half * acceleration  # in the middle of the sample before: the mean is `velocity`
+        required_after(
+            self._p, self._on, self._state, before, row[0], row[1], row[2], self._period, 1, row[3]
+        )
         return float(row[3, 0])
 
 

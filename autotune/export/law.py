@@ -2,7 +2,8 @@
 
     T = J r̈ + σ0 z + σ1(ṙ) ż + b(ṙ) ṙ + Σ W_i z_i / d_i + F_g + Σ torque(r)
 
-with r half a sample ahead of the reference, ż of (3.10) and z by (5.8): the law of `control.model_feedforward`. The
+with r and ṙ half a sample ahead of the reference, ż of (3.10) and z by (5.8): the law of `control.model_feedforward`.
+The contact bends with the mean velocity up to there, so a level that changes with speed is asked for both speeds. The
 frame is written here as it is in `models.contact`; what effects contribute is written down from their own kernels
 (`kernels`). Before a law is given out it is run against the Python feedforward along the self-test's motion.
 
@@ -47,6 +48,7 @@ LEAST_SLIP = 1e-12
 """Of the limit in one sample, below which the contact stays as it is (`models.lugre.bristle_step`)."""
 AGREES = 1e-9
 """Of the largest torque of the self-test: a law that is further from the Python feedforward is not given out."""
+_SPEED = "speed = velocity + 0.5 * PERIOD * acceleration"
 _TRAVEL = "travel = PERIOD * velocity"
 _SCALE = "ANGLE_SCALE"
 
@@ -138,96 +140,117 @@ class _Frame:
         self._note("PERIOD", self._period, "s", "sample period")
         rest = tuple(self._after_travel())
         if any("place" in _names(block.statements) for block in rest):
-            about = f"The torque is held for a sample, so the place is half a sample ahead [{motion}]."
-            yield Block(about, f"place = position + 0.5 * PERIOD * velocity\n{_TRAVEL}")
+            about = f"The torque is held for a sample: place [{motion}] and speed [{motion}/s] are half a sample ahead."
+            yield Block(about, f"place = position + 0.5 * PERIOD * velocity\n{_SPEED}\n{_TRAVEL}")
         else:
-            yield Block("Nothing depends on the place.", _TRAVEL)
+            about = f"The torque is held for a sample: speed [{motion}/s] is half a sample ahead. No place is needed."
+            yield Block(about, f"{_SPEED}\n{_TRAVEL}")
         yield from rest
         inertia = self._slot(layout.INERTIA)
         yield Block(f"The whole [{torque}].", f"torque = {inertia} * acceleration + friction + outside")
 
     def _after_travel(self) -> Iterator[Block]:
-        torque = self._model.torque_symbol
-        yield Block(f"Level of friction [{torque}].", f"level = {self._slot(layout.COULOMB)}")
+        torque, place = self._model.torque_symbol, named("place")
+        # what multiplies the level multiplies what the elements carry, too
+        carried = tuple(self._from_kernels("level_factor", "factor = factor * {}", None, None, place))
+        if carried:
+            yield Block("What all dry friction is multiplied by.", "factor = 1.0")
+            yield from carried
+        yield from self._bristle(bool(carried))
+        yield Block(f"Viscous friction [{torque}].", f"coefficient = {self._slot(layout.VISCOUS)}")
+        yield from self._from_kernels("viscous", "coefficient = coefficient + {}", None, named("speed"))
+        yield from self._from_kernels("viscous_factor", "coefficient = coefficient * {}", None, None)
+        yield Block(f"All friction [{torque}].", "friction = friction + coefficient * speed")
+        yield from self._elements(bool(carried))
+        yield Block("What is not friction.", f"outside = {self._slot(layout.OFFSET)}")
+        yield from self._from_kernels("torque", "outside = outside + {}", None, place)
+
+    def _bristle(self, factored: bool) -> Iterator[Block]:
+        """The contact up to the middle of the sample, and its friction there."""
+        motion, torque = self._model.motion_unit, self._model.torque_symbol
+        self._note("LEAST_LEVEL", LEAST_SHARE * self._model["coulomb"], torque, "friction never falls below")
+        self._note("LEAST_DEFLECTION", LEAST_DEFLECTION, motion, "its limit never falls below")
+        self._note("LEAST_SLIP", LEAST_SLIP, "1", "less than this of the limit in a sample is no motion")
+        yield from self._level("velocity", factored)
+        yield Block("The contact bends with the motion and slides at its limit.", self._moved())
+        if self._level_changes():
+            yield from self._level("speed", factored)
+        damping = self._slot(layout.MICRO_DAMPING)
+        if self._p[layout.DAMPING_VELOCITY] > 0.0:
+            at, tail = (self._constant(slot) for slot in (layout.DAMPING_VELOCITY, layout.DAMPING_TAIL))
+            square = Term(ast.Constant(2.0), 2.0)
+            statements = self._written(fallen, "part = {}", named("speed"), at, square, tail)
+            yield Block("Part of the damping in presliding that is left at this speed.", statements)
+            damping = f"part * {damping}"
+        yield Block(f"What the bent contact holds back [{torque}].", self._held(damping))
+
+    def _level_changes(self) -> bool:
+        """Whether the contact slides at another limit where the speed is another one."""
+        by_effects = any(
+            self._on[at] and kind.kernels.level is not None for at, kind in enumerate(EFFECTS.values())
+        )
+        return bool(self._on[FALLS]) or by_effects or bool(self._p[layout.CREEP_VELOCITY] > 0.0)
+
+    def _level(self, speed: str, factored: bool) -> Iterator[Block]:
+        """The level of friction at a speed, and the limit that it gives the contact."""
+        torque, fast = self._model.torque_symbol, named(speed)
+        yield Block(f"Level of friction at the {speed} [{torque}].", f"level = {self._slot(layout.COULOMB)}")
         if self._on[FALLS]:
             least, most = self._slot(layout.COULOMB), self._slot(layout.BREAK_AWAY)
             terms = (self._constant(slot) for slot in (layout.STRIBECK_VELOCITY, EXPONENT, TAIL))
             use = f"level = {least} + ({most} - {least}) * {{}}"
-            yield self._from_kernel(FALLS, fallen, use, named("velocity"), *terms)
-        speed, place = named("velocity"), named("place")
-        yield from self._from_kernels("level", "level = level + {}", None, None, speed)
-        carry = bool(self._on[REMEMBERS]) and bool(self._p[ATTRACTION] > 0.0)
-        if carry:
+            yield self._from_kernel(FALLS, fallen, use, fast, *terms)
+        yield from self._from_kernels("level", "level = level + {}", None, None, fast)
+        if self._carries():
             yield self._from_kernel(REMEMBERS, more_to_carry, "more = {}", None, named("level"))
             yield Block("What the bristle has of it.", f"level = {self._slot(layout.COULOMB)} * more")
-        # what multiplies the level multiplies what the elements carry, too
-        carried = tuple(self._from_kernels("level_factor", "factor = factor * {}", None, None, place))
-        shared = bool(carried) and bool(self._on[REMEMBERS])
-        if shared:
-            yield Block("What all dry friction is multiplied by.", "factor = 1.0")
-            yield from carried
+        if factored:
             yield Block(f"Level of friction there [{torque}].", "level = level * factor")
-        else:
-            yield from self._from_kernels("level_factor", "level = level * {}", None, None, place)
-        if self._p[layout.DAMPING_VELOCITY] > 0.0:
-            at, tail = (self._constant(slot) for slot in (layout.DAMPING_VELOCITY, layout.DAMPING_TAIL))
-            square = Term(ast.Constant(2.0), 2.0)
-            statements = self._written(fallen, "part = {}", named("velocity"), at, square, tail)
-            yield Block("Part of the damping in presliding that is left at this speed.", statements)
-        yield Block("The contact bends with the motion and slides at its limit.", self._bristle())
-        yield Block(f"Viscous friction [{torque}].", f"coefficient = {self._slot(layout.VISCOUS)}")
-        yield from self._from_kernels("viscous", "coefficient = coefficient + {}", None, speed)
-        yield from self._from_kernels("viscous_factor", "coefficient = coefficient * {}", None, None)
-        yield Block(f"All friction [{torque}].", "friction = friction + coefficient * velocity")
-        if self._on[REMEMBERS]:
-            travel, more = named("travel"), named("more") if carry else Term(ast.Constant(1.0), 1.0)
-            at = Term(ast.Constant(ELEMENT_STATES), ELEMENT_STATES)
-            if self._p[DAMPING] > 0.0:  # asked before the elements move
-                faded = "part * " if self._p[layout.DAMPING_VELOCITY] > 0.0 else ""
-                damped = f"friction = friction + {faded}{{}} * velocity"
-                yield self._from_kernel(REMEMBERS, memory_damping, damped, None, None, at, travel, more)
-            use = "friction = friction + factor * {}" if shared else "friction = friction + {}"
-            yield self._from_kernel(
-                REMEMBERS, memory_torque, use, None, None, at, travel, more, named("PERIOD")
-            )
-        yield Block("What is not friction.", f"outside = {self._slot(layout.OFFSET)}")
-        yield from self._from_kernels("torque", "outside = outside + {}", None, place)
+        yield Block(f"Where the contact slides [{self._model.motion_unit}].", self._limit(fast))
 
-    def _bristle(self) -> str:
-        motion, torque = self._model.motion_unit, self._model.torque_symbol
-        stiffness, damping = self._slot(layout.STIFFNESS), self._slot(layout.MICRO_DAMPING)
-        if self._p[layout.DAMPING_VELOCITY] > 0.0:
-            damping = f"part * {damping}"
-        self._note("LEAST_LEVEL", LEAST_SHARE * self._model["coulomb"], torque, "friction never falls below")
-        self._note("LEAST_DEFLECTION", LEAST_DEFLECTION, motion, "its limit never falls below")
-        self._note("LEAST_SLIP", LEAST_SLIP, "1", "less than this of the limit in a sample is no motion")
+    def _carries(self) -> bool:
+        """Whether the elements share what is added to the level."""
+        return bool(self._on[REMEMBERS]) and bool(self._p[ATTRACTION] > 0.0)
+
+    def _elements(self, factored: bool) -> Iterator[Block]:
+        """What the hysteresis elements hold back."""
+        if not self._on[REMEMBERS]:
+            return
+        travel, more = named("travel"), named("more") if self._carries() else Term(ast.Constant(1.0), 1.0)
+        at = Term(ast.Constant(ELEMENT_STATES), ELEMENT_STATES)
+        if self._p[DAMPING] > 0.0:  # asked before the elements move
+            faded = "part * " if self._p[layout.DAMPING_VELOCITY] > 0.0 else ""
+            damped = f"friction = friction + {faded}{{}} * speed"
+            yield self._from_kernel(REMEMBERS, memory_damping, damped, None, None, at, travel, more)
+        use = "friction = friction + factor * {}" if factored else "friction = friction + {}"
+        yield self._from_kernel(REMEMBERS, memory_torque, use, None, None, at, travel, more, named("PERIOD"))
+
+    def _limit(self, speed: Term) -> str:
+        """Where the contact slides; without static friction that comes to nothing with speed."""
+        stiffness = self._slot(layout.STIFFNESS)
+        limit = f"limit = max(max(level, LEAST_LEVEL) / {stiffness}, LEAST_DEFLECTION)"
+        if self._p[layout.CREEP_VELOCITY] == 0.0:
+            return limit
+        course = (self._constant(slot) for slot in (layout.CREEP_VELOCITY, layout.CREEP_TAIL))
+        return f"{limit}\n{self._written(crept, 'limit = limit * {}', speed, *course)}"
+
+    def _moved(self) -> str:
+        """The contact bent on by the travel of a sample."""
         if self._p[layout.BENDS_BACK] > 0.0:
-            return self._bent(stiffness, damping)
+            return self._bent()
         return (
-            f"{self._limit(stiffness)}\n"
             "slip = abs(travel) / limit\n"
             "if slip >= LEAST_SLIP:\n"
             "    steady = limit\n"
             "    if velocity < 0.0:\n"
             "        steady = -limit\n"
-            "    bristle = steady + (bristle - steady) * exp(-slip)\n"
-            "rate = velocity - abs(velocity) / limit * bristle\n"
-            f"friction = {stiffness} * bristle + {damping} * rate"
+            "    bristle = steady + (bristle - steady) * exp(-slip)"
         )
 
-    def _limit(self, stiffness: str) -> str:
-        """Where the contact slides; without static friction that comes to nothing with speed."""
-        limit = f"limit = max(max(level, LEAST_LEVEL) / {stiffness}, LEAST_DEFLECTION)"
-        if self._p[layout.CREEP_VELOCITY] == 0.0:
-            return limit
-        course = (self._constant(slot) for slot in (layout.CREEP_VELOCITY, layout.CREEP_TAIL))
-        return f"{limit}\n{self._written(crept, 'limit = limit * {}', named('velocity'), *course)}"
-
-    def _bent(self, stiffness: str, damping: str) -> str:
-        """The contact by a curve of its own."""
-        slots = (layout.BENDS_BACK, layout.BENDS_35, layout.BENDS_65, layout.BENDS_85)
-        curve = [self._constant(slot) for slot in slots]
+    def _bent(self) -> str:
+        """The same by a curve of its own."""
         ratio, slip, half, part = (named(name) for name in ("ratio", "slip", "half", "part_bent"))
+        curve = self._curve()
         steps = (
             self._written(bends, "part_bent = {}", ratio, *curve),
             self._written(halfway, "half = {}", ratio, slip, part),
@@ -235,20 +258,25 @@ class _Frame:
             self._written(onward, "ratio = {}", ratio, slip, half, part, curve[-1]),
         )
         on = "\n".join(steps)
-        rate = self._written(bends, "rate = {}", named("ratio"), *curve)
         return (
-            f"{self._limit(stiffness)}\n"
             "slip = abs(travel) / limit\n"
-            "side = 1.0\n"
-            "if velocity < 0.0:\n"
-            "    side = -1.0\n"
-            "ratio = side * bristle / limit\n"
+            f"{_side_of('velocity')}"
             "if slip >= LEAST_SLIP:\n"
             f"{textwrap.indent(on, '    ')}\n"
-            "    bristle = side * ratio * limit\n"
-            f"{rate}\n"
-            f"friction = {stiffness} * bristle + {damping} * rate * velocity"
+            "    bristle = side * ratio * limit"
         )
+
+    def _held(self, damping: str) -> str:
+        """The friction of the bent contact, with what damps it at this speed."""
+        held = f"friction = {self._slot(layout.STIFFNESS)} * bristle + {damping} * rate"
+        if self._p[layout.BENDS_BACK] > 0.0:
+            rate = self._written(bends, "rate = {}", named("ratio"), *self._curve())
+            return f"{_side_of('speed')}{rate}\n{held} * speed"
+        return f"rate = speed - abs(speed) / limit * bristle\n{held}"
+
+    def _curve(self) -> list[Term]:
+        slots = (layout.BENDS_BACK, layout.BENDS_35, layout.BENDS_65, layout.BENDS_85)
+        return [self._constant(slot) for slot in slots]
 
     def _from_kernels(self, quantity: str, use: str, *arguments: Term | None) -> Iterator[Block]:
         """A block for each effect that contributes to a quantity (a field of `models.effect.Kernels`)."""
@@ -302,6 +330,11 @@ def _places(model: DriveModel) -> dict[int, tuple[str, str, str]]:
         unit = parameter.unit_for(motion, model.torque_unit)
         found[parameter.slot] = (name.replace(".", "_").upper(), unit, parameter.meaning)
     return found
+
+
+def _side_of(speed: str) -> str:
+    """Statements for the direction of a speed, and how far the contact is bent that way."""
+    return f"side = 1.0\nif {speed} < 0.0:\n    side = -1.0\nratio = side * bristle / limit\n"
 
 
 def _names(statements: str) -> set[str]:

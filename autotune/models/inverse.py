@@ -120,10 +120,11 @@ def _load_side(
 
 
 @compiled
-def required(
+def required_after(
     p: Floats,
     on: Flags,
     state: Floats,
+    before: float,
     position: Floats,
     velocity: Floats,
     acceleration: Floats,
@@ -131,15 +132,11 @@ def required(
     substeps: int,
     torque: Floats,
 ) -> None:
-    """Torque that a motion needs, written to `torque`; arrays of shape (n,), `state` changed in place.
-
-    `substeps` are for the load beyond a transmission; they do not matter for a rigid axis.
-    """
+    """`required` of a motion whose velocity one period before its first row is `before`."""
     loaded = has_load(on)
     between = between_masses(p, on)
     mass, rub, weight = between[:3]
     near, _ = side_of_elements(p, rub)
-    before = velocity[0]
     for k in range(len(position)):
         q, v, a = position[k], velocity[k], acceleration[k]
         if on[IS_ECCENTRIC]:
@@ -165,6 +162,26 @@ def required(
             press(p, state, passed if loaded else transmitted(p, p[INERTIA] * a + outside), friction, period)
         if on[WARMS]:
             warm(p, state, friction * v + heat, period)
+
+
+@compiled
+def required(
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    position: Floats,
+    velocity: Floats,
+    acceleration: Floats,
+    period: float,
+    substeps: int,
+    torque: Floats,
+) -> None:
+    """Torque that a motion needs, written to `torque`; arrays of shape (n,), `state` changed in place.
+
+    `substeps` are for the load beyond a transmission; they do not matter for a rigid axis.
+    """
+    before = velocity[0]
+    required_after(p, on, state, before, position, velocity, acceleration, period, substeps, torque)
 
 
 @compiled
