@@ -211,12 +211,14 @@ def required_in_lanes(
 
     p, `state` and `torque` are of shape (places or n, 8), the motion is one for all, (1, n), or one for each, (8, n).
     """
-    required(
+    rate = along(velocity)
+    required_after(
         side_by_side(p),
         on,
         side_by_side(state),
+        rate[0],
         along(position),
-        along(velocity),
+        rate,
         along(acceleration),
         period,
         substeps,
