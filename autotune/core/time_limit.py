@@ -6,10 +6,14 @@ Only what asks can be stopped: passes of kernels do before each (`core.side_by_s
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from time import monotonic
+from typing import TypeVar
+
+Result = TypeVar("Result")
+Other = TypeVar("Other")
 
 _END: ContextVar[float] = ContextVar("end", default=math.inf)
 
@@ -46,3 +50,12 @@ def check_time() -> None:
     """
     if monotonic() > _END.get():
         raise TimeIsUp
+
+
+def while_time(work: Callable[[], Result], otherwise: Other) -> Result | Other:
+    """What `work` gives; `otherwise` where time is up before it is done."""
+    try:
+        check_time()
+        return work()
+    except TimeIsUp:
+        return otherwise

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
+from autotune.core.time_limit import limited, while_time
 from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
@@ -98,10 +99,31 @@ def begin(
     """Controller, noise and the fit of the model as it is.
 
     `contrary`: of a torque that may have been recorded a sample late that is taken which this model makes less likely.
+    Where time is up (`core.time_limit`) the fit is as good as it is then, and nothing is refused for what it leaves.
 
     Raises:
         NotEnoughExcitation: the model cannot be made to fit this axis at all.
     """
+    with limited(math.inf):
+        problem, model_fit, packed, notes = _as_it_is(data, model, progress, simulations, policy)
+    problem, settled = while_time(lambda: _aligned(problem, model_fit), (problem, model_fit))
+    if LATE_RECORD not in notes:
+        problem, settled, said = while_time(
+            lambda: _late_record(problem, settled, packed, contrary), (problem, settled, ())
+        )
+        notes = (*notes, *said)
+    problem, settled = while_time(
+        lambda: _without_reading_waves(*_without_clocked(problem, settled)), (problem, settled)
+    )
+    notes = (*notes, *while_time(lambda: _refuse_misfit(problem, settled), ()))
+    notes = (*notes, *left_out_note(problem, settled))
+    return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
+
+
+def _as_it_is(
+    data: Prepared, model: DriveModel, progress: Progress, simulations: int, policy: Policy
+) -> tuple[Problem, ModelFit, Packed, tuple[str, ...]]:
+    """Problem and fit with the torque as it was recorded, the model as it was given, and what is to be said."""
     refuse_answers(data, policy)
     found = find_controller(data, policy)
     packed = model.pack()
@@ -131,14 +153,7 @@ def begin(
     notes = without or notes
     if problem.twin and law.asked > 0.0:
         notes = (*notes, AS_ASKED.format(law.asked))
-    problem, settled = _aligned(problem, model_fit)
-    if LATE_RECORD not in notes:
-        problem, settled, said = _late_record(problem, settled, packed, contrary)
-        notes = (*notes, *said)
-    problem, settled = _without_reading_waves(*_without_clocked(problem, settled))
-    notes = (*notes, *_refuse_misfit(problem, settled))
-    notes = (*notes, *left_out_note(problem, settled))
-    return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
+    return problem, model_fit, packed, notes
 
 
 def notes_after(notes: tuple[str, ...], before: Problem, after: Problem) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
+from autotune.core.time_limit import TimeIsUp, is_over, limited
 from autotune.diagnosis.backward import Backward
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, exchanged_for, no_progress
 from autotune.diagnosis.evidence import evidence_of
@@ -76,12 +77,28 @@ def confirm(found: Found, nominal: Packed) -> tuple[FittedCandidate | None, list
     return confirm_by(found, nominal, [unchanged(held) for held in folds])
 
 
+def confirm_in_time(
+    found: Found, nominal: Packed, until: float
+) -> tuple[Found, FittedCandidate | None, list[HoldoutResult]]:
+    """What was found, and what `confirm` says of it; found cut short where the deadline `until` came before an effect
+    was compared with all that may do as well.
+    """
+    try:
+        with limited(math.inf if found.cut_short else until):
+            chosen, carried = confirm(found, nominal)
+    except TimeIsUp:
+        found = replace(found, cut_short=True)
+        chosen, carried = confirm(found, nominal)
+    over = chosen is not None and is_over(until)
+    return replace(found, cut_short=found.cut_short or over), chosen, carried
+
+
 def confirm_by(
     found: Found, nominal: Packed, others: Sequence[Elsewhere], shown: Collection[str] = ()
 ) -> tuple[FittedCandidate | None, list[HoldoutResult]]:
     """The same by any trajectories; effects that are `shown` there by themselves are not refuted by other values.
 
-    Where time was up nothing is confirmed, and no rivals beside others are looked for: that is a round of a search.
+    Where time was up nothing is confirmed, and no rivals are fitted: that is a round of a search.
     """
     chosen, problem, root = found.chosen, found.problem, found.root
     if chosen is None or not others:
@@ -89,7 +106,7 @@ def confirm_by(
     evidence = evidence_of(problem.data)
     carried = hold_out(problem, root, chosen, others, shown)
     left = without(problem, root, chosen, [item.effect for item in carried if item.refuted])
-    if left is None or (found.cut_short and len(left.model_fit.effects) > 1):
+    if left is None or found.cut_short:
         return left, carried
     return left, [
         compare_alternatives(problem, evidence, left, item, found, nominal, others)

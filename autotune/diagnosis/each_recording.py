@@ -20,8 +20,8 @@ from autotune.core.time_limit import is_over
 from autotune.diagnosis.candidates import Progress
 from autotune.diagnosis.confirmation import (
     Elsewhere,
-    confirm,
     confirm_by,
+    confirm_in_time,
     hold_out,
     in_words,
     told_apart,
@@ -115,7 +115,7 @@ def of_each(
     """What recordings show that are searched one by one, each with its own base, and what the others say of it.
 
     None where they are diagnosed together: one by one they tell nothing, or a veto trajectory tells of all of them.
-    After the deadline `until` no further one is begun.
+    After the deadline `until` no further one is begun, nor is one carried to the others.
     """
     alone: list[_Alone] = []
     silent: list[str] = []
@@ -131,16 +131,22 @@ def of_each(
         except AutotuneError as reason:
             silent.append(f"Recording {number} tells too little by itself: {reason}.")
             continue
-        chosen, carried = confirm(found, nominal)
+        found, chosen, carried = confirm_in_time(found, nominal, until)
         verdict = judge(with_chosen(found, chosen), (*notes, *in_words(carried)), carried)
         verdict, found = replace(verdict, recordings=tuple(part)), replace(found, chosen=chosen)
         alone.append(_Alone(number, found, nominal, notes, carried, verdict))
     if not alone:
         return None
+    to_ask = not whole or (len(alone) > 1 and any(one.verdict.effects for one in alone))
+    if to_ask and is_over(until):
+        alone = [_cut_short(one, judge) for one in alone]
     alone.sort(key=lambda one: ORDER.index(one.verdict.verdict))
     best: Diagnosis | None = None
     for one in alone:
         if best is not None and not one.verdict.effects:
+            break
+        if best is not None and is_over(until):
+            whole = False
             break
         told = _told(one, [other for other in alone if other is not one], judge, progress)
         if best is None or (told.effects and not best.effects) or told.confidence == CONFIRMED:
@@ -151,6 +157,15 @@ def of_each(
         return None
     best = replace(best, notes=(*silent, *best.notes), complete=best.complete and whole)
     return _unless_contradicted(best, [one.verdict for one in alone])
+
+
+def _cut_short(one: _Alone, judge: Judge) -> _Alone:
+    """What a recording shows by itself, where there is no time to ask what the others do."""
+    if not one.verdict.complete:
+        return one
+    found = replace(one.found, cut_short=True)
+    verdict = judge(found, (*one.notes, *in_words(one.carried)), one.carried)
+    return replace(one, found=found, verdict=replace(verdict, recordings=one.verdict.recordings))
 
 
 def _unless_contradicted(best: Diagnosis, alone: Sequence[Diagnosis]) -> Diagnosis:
@@ -178,7 +193,8 @@ def _told(one: _Alone, others: Sequence[_Alone], judge: Judge, progress: Progres
     """The verdict on one recording after what it names was carried to the others, where only their base is refitted."""
     searched = f"Each recording was searched by itself, with a base of its own: {_each([one, *others])}."
     bases = [OwnBase(other.number, other.found) for other in others]
-    if not others or not one.verdict.effects:
+    if not others or not one.verdict.effects or one.found.cut_short:
+        bases = [] if one.found.cut_short else bases
         return _with_bases(replace(one.verdict, notes=(searched, *one.verdict.notes)), one, bases)
     progress("do the other recordings confirm it")
     carriers, found = [base.elsewhere() for base in bases], one.found

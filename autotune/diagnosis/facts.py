@@ -432,8 +432,10 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
         facts = replace(facts, rivals=doubtful or _untold(facts, found.told_apart, behind))
     if named:
         return _or_a_ripple(_or_a_weight(facts, found.told_apart), found.told_apart)
-    breathing = breathing_friction(problem, final) if evidence.repeats else None
-    facts = replace(facts, breathing=breathing, overlooked=evidence.overlooked(problem, root, found.first))
+    facts = replace(facts, overlooked=evidence.overlooked(problem, root, found.first))
+    if found.cut_short and not facts.plainly:  # nothing of what is asked below changes the verdict
+        return facts
+    facts = replace(facts, breathing=breathing_friction(problem, final) if evidence.repeats else None)
     left = _something_left(facts, found.sliding or problem)
     left = left or (chosen is None and _of_place(problem, root))
     climbing = found.sliding is not None and not left and _something_left(facts, problem)
@@ -563,8 +565,11 @@ def _left_behind(facts: Facts, rival: str) -> bool:
 def _explained_away(facts: Facts, rival: str) -> bool:
     """Whether what an effect leaves is there beyond doubt, and the chosen one explains as much of it as a name asks.
 
-    The rival is followed inside the twin for it, its own course as free. One that was no candidate is never refuted.
+    The rival is followed inside the twin for it, its own course as free. One that was no candidate is never refuted,
+    nor is any where there is no time for that.
     """
+    if facts.cut_short:
+        return False
     problem, chosen = facts.problem, facts.chosen
     best = _with_own_course(facts, rival)
     if chosen is None or best is None or not _certain(best):

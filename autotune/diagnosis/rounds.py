@@ -60,8 +60,8 @@ from autotune.estimation.problem import Problem
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
-MOST_FITS, MOST_IN_HASTE = 4, 2
-"""Candidates fitted inside the twin in a round, and by a search whose time is up."""
+MOST_FITS = 4
+"""Candidates fitted inside the twin in a round."""
 WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
 """Of the best candidate's gain: what is fitted beside another effect, and beside one that can be named already."""
 WORTH_BESIDE_ELEMENTS = 0.25
@@ -243,15 +243,17 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
 
 
 def best_in_haste(state: SearchState) -> FittedCandidate | None:
-    """The best of the first candidates and its close rival, fitted inside the twin, if it is worth having.
+    """The best of the first candidates, fitted inside the twin from where it was best, if it is worth having.
 
-    For a search whose time is up before any was taken. One that began again has what its base was found beside, too.
+    For a search whose time is up before any was taken: its rivals are not fitted, and stay what it may be confused
+    with. One that began again has what its base was found beside, too.
     """
     passing = state.evidence.worth_fitting(state.problem, state.root, state.first)
-    state.tried = _as_beside(state, _fit_down(state, state.root, passing[:MOST_IN_HASTE]))
+    best = [replace(item, others=()) for item in passing[:1]]
+    state.tried = _as_beside(state, _fit_down(state, state.root, best))
     fits = [one for one in state.tried if _explains(state, one)]
-    best = state.evidence.best(state.problem, fits) if fits else None
-    return best if best is not None and state.worth_having(best) else None
+    found = state.evidence.best(state.problem, fits) if fits else None
+    return found if found is not None and state.worth_having(found) else None
 
 
 def _as_beside(state: SearchState, fits: list[FittedCandidate]) -> list[FittedCandidate]:

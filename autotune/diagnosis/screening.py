@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from autotune.core.time_limit import TimeIsUp, limited
+from autotune.core.time_limit import TimeIsUp, while_time
 from autotune.diagnosis.candidates import Gain, Progress, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts_of
@@ -100,7 +100,8 @@ def rank(
     Beside an effect that is there already only those are followed to the end whose short fits come near the
     best one, and near the fall of the mean square that a further effect is `worth` having for [(N m)²]. No spring
     is looked for beside a gap, which has one, and no weight beside a spring where it would be that spring's course.
-    Where time is up those that were tried until then are told.
+    Where time is up those that were tried until then are told; what was not followed, as its short fit ended. The best
+    are followed first.
     """
     base = _walked_on(problem, model_fit)
     tried: list[tuple[Kind, list[_ShortFit]]] = []
@@ -117,8 +118,9 @@ def rank(
         if fits:
             tried.append((kind, fits))
     least = _least_fall(problem, base, [fits[0] for _, fits in tried], worth)
-    with limited(math.inf):
-        found = [_followed(problem, evidence, base, kind, fits, least) for kind, fits in tried]
+    best_first = sorted(range(len(tried)), key=lambda i: tried[i][1][0].fitted.cost)
+    followed = {i: _followed(problem, evidence, base, *tried[i], least) for i in best_first}
+    found = [followed[i] for i in range(len(tried))]
     found = evidence.borne_out(model_fit, [item for item in found if np.isfinite(item.gain)])
     return sorted(found, key=lambda item: -item.gain)
 
@@ -287,7 +289,7 @@ def _followed(
     tried: list[_ShortFit],
     least: float,
 ) -> ScreenedCandidate:
-    """Promising starts followed to their end; `least` is the relative fall of the cost that promises."""
+    """Promising starts followed to their end, while there is time; `least`: relative fall of the cost that promises."""
     found = [item.fitted for item in tried]
     best, cost = found[0], model_fit.fitted.cost
     fall = cost - best.cost
@@ -302,7 +304,8 @@ def _followed(
             (one.packed, [*one.free, *shapes(kind.name, one.packed)], one if model_fit.effects else None)
             for one in [f for f in found if cost - f.cost > enough][: effort.starts]
         ]
-        for finished in refits(problem, starts, model_fit.correction, effort.rounds):
+        ends = while_time(lambda: refits(problem, starts, model_fit.correction, effort.rounds), ())
+        for finished in ends:
             best = finished if finished.cost <= best.cost else best
     before = [item.packed for item in found] + [item.start for item in tried]
     others = tuple(packed for packed in before if packed is not best.packed)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import fields, replace
 
-from autotune.core.time_limit import TimeIsUp, limited
+from autotune.core.time_limit import TimeIsUp, check_time, limited
 from autotune.diagnosis.backward import backward_of, in_place, tidy, try_look_alikes, try_motor
 from autotune.diagnosis.base_beside import (
     beside_own_presliding,
@@ -91,8 +91,14 @@ def search(
     state.keep()
     try:
         with limited(until):
-            return _found(state)
+            found = _found(state)
+            if found.begin_again is not None:
+                check_time()
+            return found
     except TimeIsUp:
+        if state.begin_again is not None:  # what was seen before is of another base
+            anew = replace(state, chosen=None, first=(), tried=(), generic={})
+            return _found_so_far(anew)
         return _found_so_far(state.kept or state)
 
 

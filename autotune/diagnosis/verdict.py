@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.core.time_limit import deadline
+from autotune.core.time_limit import deadline, is_over, limited, while_time
 from autotune.diagnosis.base_laws import told_of_base
 from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
@@ -20,7 +20,7 @@ from autotune.diagnosis.candidates import (
     no_progress,
 )
 from autotune.diagnosis.compare import check_same_axis, stated
-from autotune.diagnosis.confirmation import confirm, in_words, with_chosen
+from autotune.diagnosis.confirmation import confirm_in_time, in_words, with_chosen
 from autotune.diagnosis.contact_laws import of_many
 from autotune.diagnosis.each_recording import Searched, of_each, own_recordings
 from autotune.diagnosis.evidence.evidence import HoldoutResult
@@ -153,10 +153,9 @@ def diagnose(
     verdict = of_each(own, searched, judge, progress, until)
     if verdict is None:
         there = searched(data)
-        verdict = _together(there, progress)
+        verdict = _together(there, progress, until)
         if verdict.verdict == UNKNOWN and verdict.complete and _may_be_another_row(there):
-            progress("the torque of another row")
-            verdict = _likelier(verdict, there, searched(data, contrary=True), progress)
+            verdict = _of_either_row(verdict, there, lambda: searched(data, contrary=True), progress, until)
     if own and not verdict.recordings and verdict.confidence == CONFIRMED:
         notes = ("Suspected only: no recording tells enough by itself.", *verdict.notes)
         verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
@@ -170,11 +169,11 @@ def diagnose(
     )
 
 
-def _together(searched: Searched, progress: Progress) -> Diagnosis:
+def _together(searched: Searched, progress: Progress, until: float) -> Diagnosis:
     """What all recordings show with one base."""
     found, nominal, notes = searched
     progress("does another trajectory confirm it")
-    chosen, carried = confirm(found, nominal)
+    found, chosen, carried = confirm_in_time(found, nominal, until)
     return judge(with_chosen(found, chosen), (*notes, *in_words(carried)), carried)
 
 
@@ -188,7 +187,23 @@ def _may_be_another_row(searched: Searched) -> bool:
     return found.problem.data.repeated and (LATE_RECORD in notes or recorded_late(found.problem) is not None)
 
 
-def _likelier(verdict: Diagnosis, one: Searched, other: Searched, progress: Progress) -> Diagnosis:
+def _of_either_row(
+    verdict: Diagnosis, one: Searched, other: Callable[[], Searched], progress: Progress, until: float
+) -> Diagnosis:
+    """The verdict on one search or the `other`, by which the torque is of another row; not whole where there is no time
+    for that one.
+    """
+    if is_over(until):
+        return replace(verdict, complete=False)
+    progress("the torque of another row")
+    found = other()
+    likelier = _likelier(verdict, one, found, progress, until)
+    return replace(likelier, complete=likelier.complete and not found[0].cut_short)
+
+
+def _likelier(
+    verdict: Diagnosis, one: Searched, other: Searched, progress: Progress, until: float
+) -> Diagnosis:
     """The verdict on the other search where it names what is missing and leaves clearly less; else as it was.
 
     Beside a torque that is taken as recorded a sample late, a lag of its loop undoes just that: it says that the row
@@ -200,7 +215,7 @@ def _likelier(verdict: Diagnosis, one: Searched, other: Searched, progress: Prog
     left = [error_left(found.problem, found.model_fit) for found in (one[0], other[0])]
     if left[1] >= one[0].problem.policy.clearly_less * left[0]:
         return verdict
-    again = _together(other, progress)
+    again = _together(other, progress, until)
     return again if again.verdict in (NAMED, AMBIGUOUS) else verdict
 
 
@@ -221,13 +236,14 @@ def _searched(
     said: tuple[str, ...] = ()
     base = model
     while True:
-        problem, root, nominal, notes = begin(data, base, progress, policy=policy, contrary=contrary)
-        problem = with_misfit(with_counts(problem, root.fitted.packed))
-        if candidates is not None:
-            problem = replace(problem, candidates=tuple(candidates))
-        beside = earlier.beside if earlier is not None else None
-        if earlier is not None and beside is not None and _leaves_more(problem, beside):
-            problem, root, notes = earlier.problem, earlier.root, said
+        with limited(until):
+            problem, root, nominal, notes = begin(data, base, progress, policy=policy, contrary=contrary)
+            problem = _told_of_chance(problem, root)
+            if candidates is not None:
+                problem = replace(problem, candidates=tuple(candidates))
+            beside = earlier.beside if earlier is not None else None
+            if earlier is not None and beside is not None and _leaves_more(problem, beside):
+                problem, root, notes = earlier.problem, earlier.root, said
         found = search(problem, root, nominal, progress, earlier is None, beside, until)
         if found.begin_again is None:
             break
@@ -237,12 +253,19 @@ def _searched(
     return replace(found, base=told), nominal, notes_after(notes, problem, found.problem)
 
 
+def _told_of_chance(problem: Problem, root: ModelFit) -> Problem:
+    """The problem with what counts and a law that is a little off make of a twin, where there is time to ask."""
+    return while_time(lambda: with_misfit(with_counts(problem, root.fitted.packed)), problem)
+
+
 def _leaves_more(problem: Problem, beside: ModelFit) -> bool:
     """Whether a search that begins again leaves more beside what was found than the one before it: as that, it goes on.
 
     What it begins with is told by a model that lacks what was found, as it was before.
     """
-    again = fit_inside_twin(problem, beside.fitted.packed, list(beside.free), 2, beside.effects)
+    again = while_time(
+        lambda: fit_inside_twin(problem, beside.fitted.packed, list(beside.free), 2, beside.effects), None
+    )
     return again is None or beside.fitted.cost < problem.policy.clearly_less * again.fitted.cost
 
 
@@ -438,7 +461,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         facts.evidence.noise_rms(problem, final),
         None if facts.cut_short else ask,
         problem.twin,
-        unseen_error(problem, final),
+        unseen_error(problem, final, sharp=not facts.cut_short),
         notes=(*notes, *filter(None, said), TORQUE_CONSTANT),
         problem=problem,
         model_fit=final,
@@ -459,7 +482,9 @@ def _doubts(facts: Facts, effects: tuple[str, ...]) -> tuple[str, ...]:
         "the veto trajectory hardly shows it": facts.veto_silent,
         "one experiment is not explained as the others are": bool(facts.unlike),
         "less is explained than a name needs to be certain": facts.little_told,
-        "of several effects one explains less of what the others leave than a name needs": facts.shared_out,
+        "of several effects one explains less of what the others leave than a name needs": (
+            not facts.cut_short and facts.shared_out
+        ),
     }
     return tuple(reason for reason, holds in reasons.items() if holds)
 

@@ -322,16 +322,18 @@ def held_out_of(problem: Problem, model_fit: ModelFit) -> ModelFit:
     return replace(model_fit, unseen=held_out(problem, fitted.error, fitted.jacobian))
 
 
-def unseen_error(problem: Problem, model_fit: ModelFit) -> float:
+def unseen_error(problem: Problem, model_fit: ModelFit, *, sharp: bool = True) -> float:
     """Rms on the test trajectory [N m or N]; nan without one.
 
     What chance has in the bias of the few runs that a fit takes would be added to it: so it is told by a pass of the
-    twin more.
+    twin more, unless it need not be `sharp`.
     """
     if not problem.has(TEST):
         return math.nan
     packed, error = model_fit.fitted.packed, model_fit.fitted.error
-    correction = problem.correction(packed, problem.simulations + 1 + WIDTH) if problem.twin else None
+    correction = (
+        problem.correction(packed, problem.simulations + 1 + WIDTH) if problem.twin and sharp else None
+    )
     if correction is not None and correction.stable:
         error = problem.raw(packed) - correction.bias
     return math.sqrt(problem.mean_square(error, TEST))
