@@ -243,11 +243,12 @@ def aligned(data: Prepared) -> Prepared:
 def _aligned_beside(data: Prepared) -> float | None:
     """Shift at which inertia and friction and what may be there beside them leave least of the torque.
 
-    None where they leave much of it, are no axis's there, or would have it moved beyond the usual range.
+    None where they leave much of it, are no axis's there, or have no least within the usual range, as in a swing of one
+    frequency.
     """
     rows = away_from_reversals(data)
     shift, left = best_shift(lambda s: _misfit_beside(shifted(data, s), rows), 0.0, data.upsampling)
-    usual = left <= LARGE and shift < data.upsampling * LATEST
+    usual = left <= LARGE and data.upsampling * EARLIEST < shift < data.upsampling * LATEST
     return shift if usual and drives(shifted(data, shift), rows) else None
 
 

@@ -142,7 +142,7 @@ def test_why_a_name_is_suspected_only_is_said() -> None:
     roles = {"training"}
     problem = SimpleNamespace(twin=True, has=lambda role: role in roles)
     evidence = SimpleNamespace(repeats=True, confirms=lambda *_: True)
-    facts = SimpleNamespace(**sure, problem=problem, evidence=evidence)
+    facts = SimpleNamespace(**sure, problem=problem, evidence=evidence, cut_short=False)
     assert _doubts(facts, ("spring",)) == ()
     facts.veto_silent = True
     evidence.confirms = lambda *_: False
@@ -915,7 +915,8 @@ def test_the_row_of_a_torque_is_told_anew_where_only_the_other_one_names_what_is
 
     first, other = SimpleNamespace(verdict="unknown"), SimpleNamespace(verdict=told)
     monkeypatch.setattr(verdict, "_together", lambda *_: other)
-    found = verdict._likelier(first, searched(1.0, notes[0]), searched(left, notes[1]), lambda _: None)
+    one, another = searched(1.0, notes[0]), searched(left, notes[1])
+    found = verdict._likelier(first, one, another, lambda _: None, math.inf)
     assert found is (other if taken else first)
 
 
