@@ -144,7 +144,6 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
     matcher = _matcher(problem, packed, chunks)
     measured = chunks.power(raw)
     found, simulated = replace(STILL, jitter=jitter), measured
-    quiet = found
     own: list[Floats] = []
     uneven: list[Floats] = []
     for number in range(ROUNDS):
@@ -155,15 +154,14 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
         own.append(matcher.bands(again[1]) - matcher.of_position(found))
         uneven.append(matcher.scatter(again[1]))
         scatter = matcher.scatter(measured) + np.mean(uneven, axis=0) / len(uneven)
-        bands = matcher.bands(measured), np.mean(own, axis=0)
-        matched = matcher.matched(*bands, len(chunks.starts), scatter)
-        found = replace(matched, jitter=jitter)
-        quiet = replace(matcher.matched(*bands, len(chunks.starts), scatter, WITHOUT_POSITION), jitter=jitter)
+        known = matcher.bands(measured), np.mean(own, axis=0), len(chunks.starts), scatter
+        found = replace(matcher.matched(*known), jitter=jitter)
     if chunks.paired and own and _chaotic(matcher.bands(measured), np.mean(own, axis=0)):
         found = level_of_least(problem, packed, (found, *_levels_of_all(problem, packed, found)))
     elif own and not chunks.paired:
         found = level_of_least(problem, packed, (found, *(found.louder(part) for part in PARTS_ALONE)))
     if chunks.paired and found.position > 0.0:
+        quiet = replace(matcher.matched(*known, WITHOUT_POSITION), jitter=jitter)
         found = _unless_quiet(problem, packed, found, quiet)
     return replace(found, sensor=sensor, uneven=_unevenness(measured, simulated))
 

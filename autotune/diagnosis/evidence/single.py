@@ -236,8 +236,7 @@ class SingleRecording(Evidence):
                 return fitted.cost
             # what is missing must not draw the torque to where it stands for it
             beside = np.column_stack([fitted.jacobian, also_there(moved.data)])
-            left = followed(beside, fitted.error, moved.training)
-            return float(moved.training @ left**2) / float(moved.training.sum())
+            return moved.mean_square(followed(beside, fitted.error, moved.training), TRAINING)
 
         here = problem.data.shift
         best, lowest = best_shift(cost, here, problem.data.upsampling)
