@@ -154,7 +154,10 @@ def _of_many(problem: Problem, model_fit: ModelFit, before: ModelFit) -> ModelFi
     many = fit_inside_twin(problem, short.packed, list(short.free), ROUNDS + 1, model_fit.effects)
     if many is None or not closes_loops(many.fitted.packed.p) or not asked_for(problem, before, many):
         return None
-    many = _off_the_raster(problem, many) or many
+    own = _after_own_ways(problem, many)
+    if own is not None and not of_contacts(own.fitted.packed.p):
+        return None
+    many = own if own is not None and of_many(own.fitted.packed) else many
     told = of_many(many.fitted.packed) and _may_go_on(problem, many.fitted.packed.p)
     return many if told and _slides(problem, many) and not remembers_beyond(problem, many) else None
 
@@ -168,16 +171,14 @@ def _may_go_on(problem: Problem, p: Floats) -> bool:
     return not beyond_a_decade(p) or reach > problem.policy.least_counts * problem.data.resolution
 
 
-def _off_the_raster(problem: Problem, many: ModelFit) -> ModelFit | None:
-    """Many contacts that let go after ways of their own, where that predicts better; else None."""
+def _after_own_ways(problem: Problem, many: ModelFit) -> ModelFit | None:
+    """A model whose elements let go after ways of their own, whatever it is then; None where it predicts no better."""
     p = many.fitted.packed.p
     level, _ = as_one_bristle(p)
     present = enumerate(_present(p), 1)
     ways = [_element_free(i, one.displacement, level, SHORTER * one.displacement)[0] for i, one in present]
     own = fit_inside_twin(problem, many.fitted.packed, [*many.free, *ways], ROUNDS, many.effects)
-    if own is None or not of_many(own.fitted.packed) or not asked_for(problem, many, own):
-        return None
-    return own
+    return own if own is not None and asked_for(problem, many, own) else None
 
 
 def _with_more_links(problem: Problem, model_fit: ModelFit, climbs: ModelFit) -> ModelFit | None:
@@ -282,6 +283,16 @@ def _element_free(number: int, place: float, level: float, shortest: float = 0.0
     )
 
 
+def is_a_memory(problem: Problem, climbs: ModelFit) -> bool:
+    """Whether elements that were told as a contact's are a memory beside what was missing then.
+
+    Once they let go after ways of their own they are none of one contact any more (those of many stand on a raster
+    where nothing better was found), or they go on beyond it.
+    """
+    own = _after_own_ways(problem, climbs) if of_many(climbs.fitted.packed) and _on_a_raster(climbs) else None
+    return (own is not None and not of_contacts(own.fitted.packed.p)) or remembers_beyond(problem, climbs)
+
+
 def remembers_beyond(problem: Problem, climbs: ModelFit) -> bool:
     """Whether elements that go on where that contact slides would gain as much as an effect must."""
     p, (level, _) = climbs.fitted.packed.p.copy(), as_one_bristle(climbs.fitted.packed.p)
@@ -293,6 +304,12 @@ def remembers_beyond(problem: Problem, climbs: ModelFit) -> bool:
     longer = refit(problem, Packed(p, climbs.fitted.packed.on), free, climbs.correction, SHORT)
     gain, z = gain_and_z(climbs.unseen, held_out(problem, longer.error, longer.jacobian))
     return gain >= problem.policy.least_gain and problem.policy.no_chance(gain, z)
+
+
+def _on_a_raster(climbs: ModelFit) -> bool:
+    """Whether the ways after which its contacts let go are held."""
+    ways = {_slot("displacement", i) for i in range(1, ELEMENTS + 1)}
+    return not ways & {one.slot for one in climbs.free}
 
 
 def without_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:

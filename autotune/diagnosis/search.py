@@ -28,7 +28,7 @@ from autotune.diagnosis.candidates import (
 from autotune.diagnosis.contact_laws import EFFECT as MEMORY
 from autotune.diagnosis.contact_laws import (
     climbs_otherwise,
-    remembers_beyond,
+    is_a_memory,
     with_own_presliding,
 )
 from autotune.diagnosis.evidence import evidence_of
@@ -247,8 +247,9 @@ def _seek_memory_in_the_climb(state: SearchState) -> None:
     chosen = state.chosen
     if not state.evidence.repeats or chosen is None or chosen.named:
         return
-    climbs = climbs_otherwise(state.root.fitted.packed)
-    goes_on = climbs and remembers_beyond(state.problem, chosen.model_fit)
+    # without the effect the root's contact may be just off what makes it one
+    climbs = any(climbs_otherwise(one.fitted.packed) for one in (state.root, chosen.model_fit))
+    goes_on = climbs and is_a_memory(state.problem, chosen.model_fit)
     bare = CLIMB_LAW.removed(state.problem, state.root) if goes_on else None
     if bare is None:
         return

@@ -596,28 +596,36 @@ def test_a_law_of_the_base_that_stood_for_an_effect_goes_before_more_is_looked_f
 
 
 @pytest.mark.parametrize(
-    ("beyond", "named", "effects", "anew"),
+    ("climbs", "beyond", "named", "effects", "anew"),
     [
-        (True, True, ("reversal_memory", "torque_ripple"), True),
-        (True, True, ("torque_ripple", "backlash"), False),
-        (True, False, ("reversal_memory", "torque_ripple"), False),
-        (False, True, ("reversal_memory", "torque_ripple"), False),
+        ("root", True, True, ("reversal_memory", "torque_ripple"), True),
+        ("beside a ripple", True, True, ("reversal_memory", "torque_ripple"), True),
+        ("neither", True, True, ("reversal_memory", "torque_ripple"), False),
+        ("root", True, True, ("torque_ripple", "backlash"), False),
+        ("root", True, False, ("reversal_memory", "torque_ripple"), False),
+        ("root", False, True, ("reversal_memory", "torque_ripple"), False),
     ],
-    ids=["a memory", "no memory", "not enough", "nothing beyond"],
+    ids=["a memory", "a contact only beside it", "no contact", "no memory", "not enough", "nothing beyond"],
 )
 def test_elements_that_go_on_beside_what_hid_them_are_a_memory_and_no_climb(
-    monkeypatch: pytest.MonkeyPatch, beyond: bool, named: bool, effects: tuple[str, ...], anew: bool
+    monkeypatch: pytest.MonkeyPatch,
+    climbs: str,
+    beyond: bool,
+    named: bool,
+    effects: tuple[str, ...],
+    anew: bool,
 ) -> None:
     """A ripple hid the longest elements of an axis, and the short ones were a law of its base: it was unknown."""
-    rippled = SimpleNamespace(model_fit=None, named=False)
+    fitted = SimpleNamespace(packed="beside a ripple")
+    rippled = SimpleNamespace(model_fit=SimpleNamespace(fitted=fitted), named=False)
     remembered = SimpleNamespace(model_fit=SimpleNamespace(effects=effects), named=named)
     searched = _search(rippled)
-    searched.root.fitted = SimpleNamespace(packed=None)
+    searched.root.fitted = SimpleNamespace(packed="root")
     before, bare = searched.root, SimpleNamespace()
     climb = replace(search.CLIMB_LAW, removed=lambda *_: bare)
     monkeypatch.setattr(search, "CLIMB_LAW", climb)
-    monkeypatch.setattr(search, "climbs_otherwise", lambda _: True)
-    monkeypatch.setattr(search, "remembers_beyond", lambda *_: beyond)
+    monkeypatch.setattr(search, "climbs_otherwise", lambda packed: packed == climbs)
+    monkeypatch.setattr(search, "is_a_memory", lambda *_: beyond)
     monkeypatch.setattr(SearchState, "take_root", lambda self, root: setattr(self, "root", root))
     monkeypatch.setattr(search, "_seek", lambda state: setattr(state, "chosen", remembered))
     search._seek_memory_in_the_climb(searched)

@@ -20,9 +20,14 @@ def in_process(bench: Bench, query: str = "") -> None:
     )
 
 
+# what a memory's note says where small loops of all friction close: it is suspected at best (decision 0028)
+NOTHING_FORGETS = "Beside this reversal memory no contact is left that forgets"
+
+
 @pytest.mark.slow
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(seed, marks=[] if seed == 2 else pytest.mark.long) for seed in range(1, 6)]
+)
 def test_what_other_axes_lack_is_named_and_their_error_falls_to_the_floor(bench: Bench, seed: int) -> None:
     """The plant's true inverse leaves 0.06 mrad here; LuGre feedforward alone, which the drive holds, 0.5."""
     in_process(bench, f"?seed={seed}")
@@ -34,9 +39,13 @@ def test_what_other_axes_lack_is_named_and_their_error_falls_to_the_floor(bench:
     assert 0.03e-3 < after < 0.25e-3
     assert 2.5 < before / alone < 10.0
     said = result["diagnosis"]
-    assert (said["verdict"], said["confidence"]) == ("named", "confirmed")
+    alone_remembers = any(NOTHING_FORGETS in note for note in result["notes"])
+    assert said["verdict"] == "named"
+    assert said["confidence"] == ("suspected" if alone_remembers else "confirmed")
     assert set(said["effects"]) == {"reversal_memory", "torque_ripple"}
-    assert said["error_after"] < 0.2 * said["error_before"]
+    # how much there was depends on what the base takes: many contacts in a contact's place leave a quarter of one's
+    assert said["error_after"] < 1.1 * said["noise_floor_rms"]
+    assert said["error_before"] > 3.0 * said["error_after"]
     assert said["feedforward"]["chosen"]
     true = preset("edm-vertical", seed).plant.stiffness
     assert said["stiffness"] == pytest.approx(true, rel=0.12)
