@@ -13,7 +13,7 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.coordinates import without_rests
+from autotune.estimation.coordinates import Rests, without_rests
 from autotune.estimation.cross_validation import (
     Explained,
     explained,
@@ -143,12 +143,17 @@ def explained_of_rest(problem: Problem, before: ModelFit, after: ModelFit) -> li
 def again_explained(problem: Problem, before: ModelFit, after: ModelFit) -> float:
     """By how much a model lowers what repeats share, or a level that drifts between them [(N m)²].
 
-    Infinite where repeats are at different places: what belongs to the place need not come again there.
+    As they are, or without what rests make, whichever is more: stretches that differ between repeats lower their
+    product. Infinite where repeats are at different places: what belongs to the place need not come again there.
     """
     if not repeats_alike(problem.data):
         return math.inf
-    left = [shared(problem, item.fitted, item.correction) for item in (before, after)]
-    return left[0] - left[1]
+
+    def fall(rests: Rests | None) -> float:
+        left = [shared(problem, item.fitted, item.correction, rests) for item in (before, after)]
+        return left[0] - left[1]
+
+    return max(fall(None), fall(rests_of(problem, after.fitted.packed)))
 
 
 def fall_in_repeats(problem: Problem, before: ModelFit, after: ModelFit) -> float:

@@ -203,8 +203,14 @@ class Explained:
 
 
 def still_explainable(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> float:
-    """Repeatable variance, certain to one standard error, and drifting friction level [(N m)²]."""
-    again = _comes_again(problem, fitted.error, correction, role)
+    """Repeatable variance, certain to one standard error, and drifting friction level [(N m)²].
+
+    Also without what rests make: a stretch that differs between two repeats lowers what they share.
+    """
+    rested, quiet, settled = beyond_rests(problem, fitted.error, correction, rests_of(problem, fitted.packed))
+    again = max(
+        _comes_again(problem, fitted.error, correction, role), _comes_again(quiet, rested, settled, role)
+    )
     return again + drift(problem, fitted, correction, role)[0]
 
 
@@ -215,22 +221,34 @@ def _comes_again(problem: Problem, error: Floats, correction: Correction, role: 
     return max(variance - spread, certain) if math.isfinite(variance) else 0.0
 
 
-def shared(problem: Problem, fitted: Fitted, correction: Correction) -> float:
+def shared(problem: Problem, fitted: Fitted, correction: Correction, rests: Rests | None = None) -> float:
     """Variance of the training rows that repeats share, and of a level that drifts between them [(N m)²].
 
     What drifts up in one repeat and down in the other has lowered the product of the two: of two it counts twice.
+    `rests`: without what these make.
     """
-    variance, _ = problem.repeatable(fitted.error, correction, TRAINING)
-    column = of_friction(problem, fitted, correction, TRAINING)
-    level = _level_between(problem, fitted.error, column, TRAINING)
+    error, column = fitted.error, of_friction(problem, fitted, correction, TRAINING)
+    if rests is not None:
+        error, problem, correction = beyond_rests(problem, error, correction, rests)
+        column = _beyond(rests, column)
+    variance, _ = problem.repeatable(error, correction, TRAINING)
+    level = _level_between(problem, error, column, TRAINING)
     return variance + level.variance + level.lowers
 
 
 def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> tuple[float, float]:
-    """Variance that a friction level differing between repeats explains [(N m)²], and its z."""
-    column = of_friction(problem, fitted, correction, role)
-    found = _level_between(problem, fitted.error, column, role)
-    return found.variance, found.z
+    """Variance that a friction level differing between repeats explains [(N m)²], and its z.
+
+    How far a bristle is stretched where a repeat begins differs between repeats, too, and is no level.
+    """
+    rests, column = rests_of(problem, fitted.packed), of_friction(problem, fitted, correction, role)
+    found = _level_between(problem, without_rests(fitted.error, rests), _beyond(rests, column), role)
+    return _of_slopes(problem, found.slopes, column, role), found.z
+
+
+def _beyond(rests: Rests, column: Floats | None) -> Floats | None:
+    """A sensitivity as it is in an error without what rests make, shape (m,); None where there is none."""
+    return None if column is None else without_rests(column, rests)
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +286,29 @@ def _differs(difference: Floats, level: Floats) -> _Differs:
     return _Differs(slope, z, 1.0 - float(rest @ rest) / max(float(difference @ difference), 1e-300))
 
 
+def _level_of(problem: Problem, block: Block, column: Floats) -> Floats:
+    """Sensitivity of an experiment to the level on the rows that count: the mean of its first and last repeat."""
+    counts = np.all(block.by_repeat(problem.weight) > 0.0, axis=0)
+    level = block.by_repeat(column)[:, counts]
+    return np.asarray(0.5 * (level[-1] + level[0]))
+
+
+def _variances(slopes: Sequence[float], levels: Sequence[Floats], blocks: Sequence[Block]) -> Floats:
+    """What levels that go in even steps make of the mean square of all experiments, by experiment [(N m)²]."""
+    parts = zip(slopes, levels, blocks, strict=True)
+    powers = [slope**2 * float(level @ level) * _late(one.repeats).var() for slope, level, one in parts]
+    return np.array(powers) / sum(len(level) for level in levels)
+
+
+def _of_slopes(problem: Problem, slopes: Sequence[float], column: Floats | None, role: str) -> float:
+    """Variance that such levels explain by a sensitivity of shape (m,) [(N m)²]."""
+    if column is None or not any(slopes):
+        return 0.0
+    blocks = _repeated(problem, role)
+    levels = [_level_of(problem, block, column) for block in blocks]
+    return float(_variances(slopes, levels, blocks).sum())
+
+
 def _level_between(problem: Problem, error: Floats, column: Floats | None, role: str) -> _Level:
     """By an error and the sensitivity to friction, both of shape (m,); None where that was not fitted.
 
@@ -280,16 +321,11 @@ def _level_between(problem: Problem, error: Floats, column: Floats | None, role:
     blocks = _repeated(problem, role) if column is not None else []
     for block in blocks:
         counts = np.all(block.by_repeat(problem.weight) > 0.0, axis=0)
-        table, level = (block.by_repeat(np.asarray(one))[:, counts] for one in (error, column))
+        table = block.by_repeat(error)[:, counts]
         differences.append(np.asarray(table[-1] - table[0]))
-        levels.append(np.asarray(0.5 * (level[-1] + level[0])))
+        levels.append(_level_of(problem, block, np.asarray(column)))
     if not any(len(level) for level in levels):
         return _Level((0.0,) * len(levels), 0.0, 0.0, 0.0)
-
-    def variances(slopes: Sequence[float]) -> Floats:
-        parts = zip(slopes, levels, blocks, strict=True)
-        powers = [slope**2 * float(level @ level) * _late(one.repeats).var() for slope, level, one in parts]
-        return np.array(powers) / sum(len(level) for level in levels)
 
     together = _differs(np.concatenate(differences), np.concatenate(levels))
     alike = abs(together.z) >= policy.drift_z and together.share >= policy.drift_part
@@ -297,9 +333,9 @@ def _level_between(problem: Problem, error: Floats, column: Floats | None, role:
     alone = [_differs(one, level) for one, level in zip(differences, levels, strict=True)]
     counts = [abs(one.z) >= policy.drift_z and one.share >= policy.partly for one in alone]
     own = tuple(one.slope if is_one else 0.0 for one, is_one in zip(alone, counts, strict=True))
-    if policy.partly * variances(own).sum() > variances(slopes).sum():
-        slopes = own
-    explain = variances(slopes)
+    explain = _variances(slopes, levels, blocks)
+    if policy.partly * _variances(own, levels, blocks).sum() > explain.sum():
+        slopes, explain = own, _variances(own, levels, blocks)
     lowers = sum(part / (block.repeats - 1) for part, block in zip(explain.tolist(), blocks, strict=True))
     return _Level(slopes, together.z, float(explain.sum()), lowers)
 
@@ -432,13 +468,14 @@ def explained(
     rests = rests_of(problem, after.packed)
     rested, quiet, settled = beyond_rests(problem, after.error, correction, rests)
     missing = without_rests(before.error, rests)
-    moved = _explainable_fall(quiet, missing, rested, role, column)
+    moving = _beyond(rests, column)
+    moved = _explainable_fall(quiet, missing, rested, role, moving)
     variance, error = quiet.repeatable(rested, settled, role)
     counts, _ = quiet.comes_by_counts(role)
     beyond = variance if variance > problem.policy.rest_errors * error else 0.0
     beyond = max(beyond, quiet.repeatable_for_certain(rested, settled, role))
     certain = beyond > max(problem.policy.rest_part * quiet.noise_variance(rested, role), counts)
-    drifting = _level_between(problem, after.error, column, role).variance
+    drifting = _level_between(quiet, rested, moving, role).variance
     left = whole = _comes_again(quiet, rested, settled, role) + drifting
     if role == VETO and not certain and _tells_nothing(quiet, missing, settled, counts):
         left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)

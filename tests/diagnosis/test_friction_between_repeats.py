@@ -8,11 +8,18 @@ import pytest
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bandwidth import prepared_to_fit
-from autotune.estimation.cross_validation import _level_between, _of_drift, drift, shared, still_explainable
+from autotune.estimation.cross_validation import (
+    _level_between,
+    _of_drift,
+    drift,
+    rests_of,
+    shared,
+    still_explainable,
+)
 from autotune.estimation.data import TRAINING, Block
 from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.policy import POLICY
-from autotune.estimation.problem import new_problem
+from autotune.estimation.problem import Problem, new_problem
 from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Recording
@@ -99,24 +106,53 @@ def test_a_level_that_drifts_is_told_as_large_as_it_is_however_often_a_motion_wa
     short: Recording, repeats: int
 ) -> None:
     """Of three repeats half as much again was told as there was, more than the whole error; of five twice as much."""
+    problem, column = _played(short, repeats)
+    drifted = np.zeros_like(column)
+    for block in problem.data.blocks:
+        drifted[block.rows] = _rising(block, column)
+    fitted = _fitted(_few_noise(column) + drifted, column)
+    correction, made = problem.correction(fitted.packed), problem.mean_square(drifted, TRAINING)
+    assert drift(problem, fitted, correction, TRAINING)[0] == pytest.approx(made, rel=0.05)
+    assert still_explainable(problem, fitted, correction, TRAINING) == pytest.approx(made, rel=0.05)
+    assert shared(problem, fitted, correction) == pytest.approx(made, rel=0.05)
+
+
+def test_a_stretch_that_differs_where_repeats_begin_is_no_level_that_drifts(short: Recording) -> None:
+    """How far a bristle is stretched at a rest is forgotten on its reach; a transmission's share fell to a third."""
+    problem, column = _played(short, 2)
+    error, soft = _few_noise(column), base_model({**NOMINAL, "stiffness": 0.01 * NOMINAL["stiffness"]}).pack()
+    _, left = rests_of(problem, soft)
+    for block in problem.data.blocks:
+        error[block.rows] += _rising(block, np.nan_to_num(left) * column)
+    assert _level_between(problem, error, column, TRAINING).variance > 0.0
+    fitted = replace(_fitted(error, column), packed=soft)
+    assert drift(problem, fitted, problem.correction(soft), TRAINING)[0] == 0.0
+
+
+def _played(short: Recording, repeats: int) -> tuple[Problem, Floats]:
+    """The training of a recording as if each of its motions had been played so often, and the sign of its velocity."""
     data = prepared_to_fit([short])
     blocks = tuple(
         replace(one, repeats=repeats, count=2 * one.count // repeats)
         for one in data.blocks
         if one.role == TRAINING
     )
-    problem = new_problem(replace(data, blocks=blocks), None)
-    random = np.random.default_rng(3)
-    column, error = np.sign(data.velocity[data.grid]), 1e-3 * random.standard_normal(len(data.grid))
-    drifted = np.zeros_like(error)
+    column = np.sign(data.velocity[data.grid])
     for block in blocks:
-        late = np.linspace(-0.5, 0.5, block.repeats)[:, None]
         column[block.rows] = np.tile(block.by_repeat(column)[0], block.repeats)
-        drifted[block.rows] = (0.05 * late * block.by_repeat(column)).ravel()
+    return new_problem(replace(data, blocks=blocks), None), column
+
+
+def _rising(block: Block, column: Floats) -> Floats:
+    """What a level makes that rises by a twentieth from an experiment's first repeat to its last, by a sensitivity."""
+    late = np.linspace(-0.5, 0.5, block.repeats)[:, None]
+    return np.asarray(0.05 * late * block.by_repeat(column)).ravel()
+
+
+def _few_noise(column: Floats) -> Floats:
+    return 1e-3 * np.random.default_rng(3).standard_normal(len(column))
+
+
+def _fitted(error: Floats, column: Floats) -> Fitted:
     free = Free("coulomb", layout.COULOMB, 0.0, 1.0, 1.0)
-    packed = base_model(NOMINAL).pack()
-    fitted = Fitted(packed, (free,), error + drifted, column[:, None], np.ones(1), 1.0)
-    correction, made = problem.correction(packed), problem.mean_square(drifted, TRAINING)
-    assert drift(problem, fitted, correction, TRAINING)[0] == pytest.approx(made, rel=0.05)
-    assert still_explainable(problem, fitted, correction, TRAINING) == pytest.approx(made, rel=0.05)
-    assert shared(problem, fitted, correction) == pytest.approx(made, rel=0.05)
+    return Fitted(base_model(NOMINAL).pack(), (free,), error, column[:, None], np.ones(1), 1.0)
