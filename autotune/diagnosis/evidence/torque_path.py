@@ -28,7 +28,7 @@ from autotune.estimation.alignment import (
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.controller import as_wanted, recorded_again, recorded_late_by
 from autotune.estimation.controller_law import BEFORE, NEXT, PositionController
-from autotune.estimation.data import TRAINING, Block, Prepared, repeats_alike
+from autotune.estimation.data import TRAINING, Prepared, repeats_alike
 from autotune.estimation.least_squares import CORRELATED, Fitted, followed, standard_errors
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import acted, measured_motion, smoothed
@@ -36,7 +36,6 @@ from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.start_values import Vary
 from autotune.models.torque_lag import IS_LATE, STAGES, STEEPNESS, TIME_CONSTANT, TORQUE_LAG
-from autotune.signals.chunks import shared
 from autotune.signals.line_search import lowest
 
 MOST_LATE, FINE_LATE = 4.0, 0.01
@@ -168,7 +167,7 @@ def cycles_in_place(problem: Problem, lags: ModelFit) -> list[tuple[Problem, Mod
         fit = _fit_without_lag(again, lags)
         if fit is not None:
             left = _left(again, fit, again.data)
-            error = _error_of_lag(again, fit, _Late(again.data, left, _cost(again, fit, left)))
+            error = _error_of_lag(again, fit, _Late(again.data, left, _cost(again, left)))
             found.append((replace(again, data=replace(again.data, lag_error=error)), fit))
     return found
 
@@ -431,7 +430,7 @@ def without_rounding(problem: Problem, model_fit: ModelFit) -> Problem:
     data = as_wanted(problem.data, law)
     if data is problem.data:
         return problem
-    here, there = (_cost(problem, model_fit, _left(problem, model_fit, one)) for one in (problem.data, data))
+    here, there = (_cost(problem, _left(problem, model_fit, one)) for one in (problem.data, data))
     return _with(problem, data) if there < WORTH_ALIGNING * here else problem
 
 
@@ -448,7 +447,7 @@ def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
 
     def cost(shift: float) -> float:
         if shift not in errors:
-            errors[shift] = _cost(problem, model_fit, _left(problem, model_fit, shifted(data, shift)))
+            errors[shift] = _cost(problem, _left(problem, model_fit, shifted(data, shift)))
         return errors[shift]
 
     best, lowest_cost = best_shift(cost, data.shift, step=min(0.1, FINE_SHIFT * 2.0 / data.period))
@@ -474,7 +473,7 @@ def _moved_to(problem: Problem, model_fit: ModelFit, shift: float, costs: tuple[
     """
     moved = shifted(problem.data, shift)
     left = _left(problem, model_fit, moved)
-    cost, (here, least) = _cost(problem, model_fit, left), costs
+    cost, (here, least) = _cost(problem, left), costs
     spare = problem.policy.structure_part * _noise(problem, left) * float(np.sum(problem.training))
     return _with(problem, moved) if cost - least <= spare and cost <= WORTH_ALIGNING * here else problem
 
@@ -541,11 +540,15 @@ def _without_cycles(problem: Problem, model_fit: ModelFit) -> Problem:
 
 @dataclass(frozen=True, slots=True)
 class _Late:
-    """Data with the torque some cycles and a current loop's lag later, and the error and cost that this leaves."""
+    """Data with the torque some cycles and a current loop's lag later, and the error and cost that this leaves.
+
+    `shared`: by what repeats share alone.
+    """
 
     data: Prepared
     rest: Floats
     cost: float
+    shared: bool = False
 
 
 def _without_current_loop(problem: Problem, model_fit: ModelFit) -> Problem:
@@ -585,7 +588,7 @@ def _ordinary(
         least = least if _is_current_loop(problem, model_fit, steep, STAGES) else min(least, steep.cost)
     if least < CLEARLY_LESS * best.cost:
         return _with_cycles_again(problem)
-    here = _cost(problem, model_fit, _left(problem, model_fit, problem.data))
+    here = _cost(problem, _left(problem, model_fit, problem.data))
     if best.cost > WORTH_ALIGNING * here:
         return problem
     error = _error_of_lag(problem, model_fit, best)
@@ -644,7 +647,12 @@ def _is_current_loop(problem: Problem, model_fit: ModelFit, late: _Late, stages:
 
 
 def _late_by(problem: Problem, model_fit: ModelFit, cycles: int, stages: int = 1) -> _Late:
-    """The best lag behind so many cycles, of so many stages."""
+    """The best lag behind so many cycles, of so many stages.
+
+    A demand that answers to an encoder's noise is smoothed by a lag, and leaves less of the noise that was read with
+    the motion: behind a coarse encoder a torque that acted at once was told to lag by 0.3 ms. Where what repeats share
+    says another lag, beyond doubt, it is that.
+    """
     data = problem.data
     already = data.late if _loops_between(problem) else data.upsampling * data.cycles
     prompt = _acting_later(data, data.upsampling * cycles - already, cycles)
@@ -652,10 +660,20 @@ def _late_by(problem: Problem, model_fit: ModelFit, cycles: int, stages: int = 1
     def late(lag: float) -> _Late:
         moved = behind_current_loop(prompt, lag, stages)
         rest = _left(problem, model_fit, moved)
-        return _Late(moved, rest, _cost(problem, model_fit, rest))
+        return _Late(moved, rest, _cost(problem, rest))
 
     most = MOST_LATE * CURRENT_LOOP + max(CYCLES) * data.upsampling * data.period
-    return late(lowest(lambda lag: late(lag).cost, (0.0, most), FINE_LATE * CURRENT_LOOP))
+    whole = late(lowest(lambda lag: late(lag).cost, (0.0, most), FINE_LATE * CURRENT_LOOP))
+    if not (data.repeated and repeats_alike(data)):
+        return whole
+
+    def again(lag: float) -> float:
+        found = late(lag)
+        return found.cost - _not_shared(problem, problem.training, found.rest)
+
+    alone = replace(late(lowest(again, (0.0, most), FINE_LATE * CURRENT_LOOP)), shared=True)
+    error = _error_of_lag(problem, model_fit, alone, stages)
+    return alone if abs(whole.data.lag - alone.data.lag) > SURE * error else whole
 
 
 def _error_of_lag(problem: Problem, model_fit: ModelFit, found: _Late, stages: int = 1) -> float:
@@ -663,7 +681,10 @@ def _error_of_lag(problem: Problem, model_fit: ModelFit, found: _Late, stages: i
     step = FINE_LATE * CURRENT_LOOP
     longer = _left(problem, model_fit, behind_current_loop(found.data, found.data.lag + step, stages))
     rows = problem.training > 0
-    square = _square_shared(problem, np.where(rows, longer - found.rest, 0.0) / step)
+    slope = np.where(rows, longer - found.rest, 0.0) / step
+    square = float(slope @ slope)
+    if found.shared:
+        square -= _not_shared(problem, np.ones(len(slope)), slope)
     return float(np.sqrt(CORRELATED * np.mean(found.rest[rows] ** 2) / max(square, 1e-300)))
 
 
@@ -678,33 +699,15 @@ def _left(problem: Problem, model_fit: ModelFit, moved: Prepared) -> Floats:
     return followed(model_fit.fitted.jacobian, error, problem.training)
 
 
-def _cost(problem: Problem, model_fit: ModelFit, left: Floats) -> float:
-    """Of the training rows; where motions were repeated, as if what differs from repeat to repeat were as it is.
-
-    A demand that answers to an encoder's noise is smoothed by a lag, and leaves less of the noise that was read with
-    the motion: behind a coarse encoder a torque that acted at once was told to lag by 0.3 ms. What repeats share knows
-    nothing of it.
-    """
-    square = float(np.sum(problem.training * left**2))
-    if not repeats_alike(problem.data):
-        return square
-    blocks = [one for one in problem.data.blocks if one.role == TRAINING and one.repeats > 1]
-    weights = [float(problem.training[one.rows].sum()) for one in blocks]
-    quieter = [_differs(problem, one, model_fit.fitted.error) - _differs(problem, one, left) for one in blocks]
-    return square + float(np.dot(weights, quieter))
+def _cost(problem: Problem, left: Floats) -> float:
+    """Of the training rows."""
+    return float(np.sum(problem.training * left**2))
 
 
-def _differs(problem: Problem, block: Block, error: Floats) -> float:
-    """Variance from repeat to repeat of an experiment [(N m)²]."""
-    return float(problem.compared(block, error).var(axis=0, ddof=1).mean())
-
-
-def _square_shared(problem: Problem, values: Floats) -> float:
-    """Sum over the training of the squares of values, shape (m,), of what repeats share where there are any."""
-    alike, total = repeats_alike(problem.data), 0.0
-    for block in problem.data.blocks:
-        if block.role == TRAINING:
-            table = values[block.rows].reshape(block.repeats, block.count)
-            square = shared(table) if alike and block.repeats > 1 else np.mean(table**2, axis=0)
-            total += block.repeats * max(float(square.sum()), 0.0)
-    return total
+def _not_shared(problem: Problem, weights: Floats, error: Floats) -> float:
+    """Of the weighted sum of squares of the training what differs from repeat to repeat; arrays of shape (m,)."""
+    return sum(
+        float(block.by_repeat(weights).sum(axis=0) @ block.by_repeat(error).var(axis=0, ddof=1))
+        for block in problem.data.blocks
+        if block.role == TRAINING and block.repeats > 1
+    )
