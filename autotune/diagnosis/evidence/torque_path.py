@@ -61,7 +61,7 @@ CLEARLY_LESS = 0.98
 HALF_A_ROW = 0.5
 """Rows of a file by which a torque acts sooner than its own that acts nearer to the one before."""
 SURE = 2.0
-"""Standard errors by which a lag must be longer than a current loop's to be more."""
+"""Standard errors by which a lag must be longer than a current loop's to be more, and differ from another one."""
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 SPLITS = (0.1, 0.4, 0.8)
 """Of an ordinary current loop's lag: what a fit begins with of it behind a dead time."""
