@@ -219,7 +219,8 @@ def test_what_an_encoder_interpolates_is_taken_out(begun: tuple[Problem, ModelFi
     without = time_driven.without_reading_waves(problem, model_fit)
     wavenumber, parts = _told(without)
     assert wavenumber == pytest.approx(WAVE.wavenumber, rel=1e-3)
-    assert parts == pytest.approx(WAVE.parts, abs=2e-5), "their phase turns with the wavenumber"
+    assert np.delete(parts, 1) == pytest.approx(np.delete(WAVE.parts, 1), abs=1e-5)
+    assert parts[1] == pytest.approx(WAVE.parts[1], abs=2e-5), "its phase turns with the wavenumber"
     true, found = (one.error(problem.data.measured) for one in (WAVE, ReadingWave(wavenumber, parts)))
     assert np.std(found - true) < 0.22 * np.std(true), (
         "a few seconds tell no more; 0.25 with a lag that is none"
