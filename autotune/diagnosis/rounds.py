@@ -26,6 +26,7 @@ from autotune.diagnosis.candidates import (
 )
 from autotune.diagnosis.contact_laws import EFFECT as MEMORY
 from autotune.diagnosis.contact_laws import (
+    creeps,
     of_many,
 )
 from autotune.diagnosis.evidence.torque_path import lag_in_loop, late_anew, without_long_lag
@@ -57,6 +58,7 @@ from autotune.estimation.cross_validation import (
 )
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
+from autotune.models import layout
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
@@ -106,11 +108,36 @@ def _other_law(state: SearchState, ranked: Sequence[ScreenedCandidate]) -> bool:
 def _leads(state: SearchState, before: ModelFit, law: ModelFit, ranked: Sequence[ScreenedCandidate]) -> bool:
     """Whether a law of the base beside `before` explains at least as much as any effect does there."""
     effects = [item for item in ranked if item.effect != MEMORY or not of_many(law.fitted.packed)]
-    return gain_and_z(before.unseen, law.unseen)[0] >= max((item.gain for item in effects), default=0.0)
+    best, gain = (
+        max(effects, key=lambda item: item.gain, default=None),
+        gain_and_z(before.unseen, law.unseen)[0],
+    )
+    if best is None or gain >= max(best.gain, 0.0):
+        return gain >= 0.0
+    near = creeps(law.fitted.packed) and gain >= state.problem.policy.named * best.gain
+    return near and _stands_for_coulomb(state, before, best)
 
 
-def _law_before(state: SearchState, ranked: Sequence[ScreenedCandidate]) -> bool:
-    """Whether a law of the base is asked for beside what was found, before any further effect.
+def _stands_for_coulomb(state: SearchState, before: ModelFit, item: ScreenedCandidate) -> bool:
+    """Whether an effect takes the place of most of the Coulomb friction `before` it: it is that by another law.
+
+    Friction without a static part goes through zero as a smooth function of the speed. A viscosity that bends by the
+    tenth root of the speed does so nearly, and took four fifths of it over.
+    """
+    if EFFECTS[item.effect].approximate:
+        return False
+    state.progress(f"refit inside the twin: {item.effect}")
+    fitted = inside_twin(state.problem, state.root, before, item)
+    if fitted is None:
+        return False
+    left, was = (one.fitted.packed.p[layout.COULOMB] for one in (fitted.model_fit, before))
+    return bool(left < state.problem.policy.partly * was)
+
+
+def _law_before(
+    state: SearchState, ranked: Sequence[ScreenedCandidate], best: FittedCandidate
+) -> bool:
+    """Whether a law of the base is asked for beside what was found, before any further effect, the best of all.
 
     The effect that was found hid it in the root. A memory takes the place of a contact's own curve beside an
     effect as it does alone, worse than the curve and with a name: once it is there the law is not asked for.
@@ -118,6 +145,9 @@ def _law_before(state: SearchState, ranked: Sequence[ScreenedCandidate]) -> bool
     if state.law_first or not state.more_to_explain(state.model_fit):
         return False
     _, law = _leading_law(state, state.model_fit)
+    if law is not None and EFFECTS[best.effect].in_transmission and state.problem.has_veto:
+        ranked = [item for item in ranked if not EFFECTS[item.effect].in_transmission]
+        law = law if gain_on_veto(state.problem, state.model_fit, law) >= best.gain else None
     state.law_first = law is not None and _leads(state, state.model_fit, law, ranked)
     return state.law_first
 
@@ -239,7 +269,7 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
         leads = state.evidence.best(problem, fits)
         fits = best_refined(problem, state.root, model_fit, fits, leads, state.progress)
     best = _best(state, fits)
-    return None if best is not None and not first and _law_before(state, ranked) else best
+    return None if best is not None and not first and _law_before(state, ranked, best) else best
 
 
 def best_in_haste(state: SearchState) -> FittedCandidate | None:
