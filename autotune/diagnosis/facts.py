@@ -565,13 +565,15 @@ def _left_behind(facts: Facts, rival: str) -> bool:
 def _explained_away(facts: Facts, rival: str) -> bool:
     """Whether what an effect leaves is there beyond doubt, and the chosen one explains as much of it as a name asks.
 
-    The rival is followed inside the twin for it, its own course as free. One that was no candidate is never refuted,
-    nor is any where there is no time for that.
+    The rival is followed inside the twin for it, its own course as free. One that was no candidate is never refuted.
+    Where there is no time for that, only one is that was followed there, and explains less than half.
     """
-    if facts.cut_short:
-        return False
     problem, chosen = facts.problem, facts.chosen
-    best = _with_own_course(facts, rival)
+    if facts.cut_short:
+        weak = [one for one in facts.tried if one.effect == rival and one.share < problem.policy.partly]
+        best = weak[0] if weak else None
+    else:
+        best = _with_own_course(facts, rival)
     if chosen is None or best is None or not _certain(best):
         return False
     if not facts.evidence.apart(problem, chosen.model_fit, best.model_fit):

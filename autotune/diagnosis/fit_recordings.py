@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from autotune.core.arrays import Floats
-from autotune.core.errors import ConfigurationError, NotEnoughExcitation
+from autotune.core.errors import ConfigurationError, NotEnoughExcitation, RecordingError
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.compare import Compared, compare, simulate_closed_loop, torque_residual, unseen_error
 from autotune.diagnosis.evidence.evidence import MOST_UNEXPLAINED
@@ -148,7 +148,26 @@ def _fitted(whole: Recording, effects: Sequence[str], progress: Progress) -> Fit
     standard = sum(name in whole.experiment for name in EXPERIMENTS) >= 2
     if standard and not effects:
         progress("fit of the standard programme")
-        return _by_experiments(whole)
+        result = _by_experiments(whole)
+        return result if result.model is not None else _of_like_names(whole, result, progress)
+    return _together(whole, effects, progress)
+
+
+def _of_like_names(whole: Recording, programme: FitResult, progress: Progress) -> FitResult:
+    """All motion fitted together, of a recording whose experiments have names of the standard programme only by chance.
+
+    Anybody calls an experiment 'presliding'. What the programme's own estimators want of it is told where that fails
+    too.
+    """
+    try:
+        result = _together(whole, (), progress)
+    except (RecordingError, NotEnoughExcitation):
+        return programme
+    return result if result.valid else programme
+
+
+def _together(whole: Recording, effects: Sequence[str], progress: Progress) -> FitResult:
+    """A fit of all motion together; a search's where that fit does not know an effect, or comes to no end."""
     if all(effect in STARTS for effect in effects):
         progress("fit of all motion together")
         try:

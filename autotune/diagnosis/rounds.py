@@ -106,23 +106,25 @@ def _other_law(state: SearchState, ranked: Sequence[ScreenedCandidate]) -> bool:
 
 
 def _leads(state: SearchState, before: ModelFit, law: ModelFit, ranked: Sequence[ScreenedCandidate]) -> bool:
-    """Whether a law of the base beside `before` explains at least as much as any effect does there."""
+    """Whether a law of the base beside `before` explains at least as much as any effect does there.
+
+    Friction without a static part nearly as much, where the effect stands for it.
+    """
     effects = [item for item in ranked if item.effect != MEMORY or not of_many(law.fitted.packed)]
-    best, gain = (
-        max(effects, key=lambda item: item.gain, default=None),
-        gain_and_z(before.unseen, law.unseen)[0],
-    )
-    if best is None or gain >= max(best.gain, 0.0):
-        return gain >= 0.0
-    near = creeps(law.fitted.packed) and gain >= state.problem.policy.named * best.gain
+    best = max(effects, key=lambda item: item.gain, default=None)
+    gain, most = gain_and_z(before.unseen, law.unseen)[0], max(best.gain, 0.0) if best is not None else 0.0
+    if best is None or gain >= most:
+        return gain >= most
+    near = creeps(law.fitted.packed) and gain >= state.problem.policy.named * most
     return near and _stands_for_coulomb(state, before, best)
 
 
 def _stands_for_coulomb(state: SearchState, before: ModelFit, item: ScreenedCandidate) -> bool:
-    """Whether an effect takes the place of most of the Coulomb friction `before` it: it is that by another law.
+    """Whether an effect, fitted inside the twin, takes the place of most of the Coulomb friction `before` it.
 
     Friction without a static part goes through zero as a smooth function of the speed. A viscosity that bends by the
-    tenth root of the speed does so nearly, and took four fifths of it over.
+    tenth root of the speed does so nearly: beside a load dependence and a memory it explained a fortieth more than the
+    true law, had three quarters of the Coulomb friction, and was named with a saturation for the other two.
     """
     if EFFECTS[item.effect].approximate:
         return False
@@ -134,13 +136,12 @@ def _stands_for_coulomb(state: SearchState, before: ModelFit, item: ScreenedCand
     return bool(left < state.problem.policy.partly * was)
 
 
-def _law_before(
-    state: SearchState, ranked: Sequence[ScreenedCandidate], best: FittedCandidate
-) -> bool:
+def _law_before(state: SearchState, ranked: Sequence[ScreenedCandidate], best: FittedCandidate) -> bool:
     """Whether a law of the base is asked for beside what was found, before any further effect, the best of all.
 
     The effect that was found hid it in the root. A memory takes the place of a contact's own curve beside an
-    effect as it does alone, worse than the curve and with a name: once it is there the law is not asked for.
+    effect as it does alone, worse than the curve and with a name: once it is there the law is not asked for. What two
+    masses gain in a screening scatters: their fit is held against the law on the veto trajectory, where there is one.
     """
     if state.law_first or not state.more_to_explain(state.model_fit):
         return False

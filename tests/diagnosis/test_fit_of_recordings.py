@@ -5,12 +5,16 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis import fit_recordings
 from autotune.diagnosis.fit_result import FitResult
 from autotune.identify.estimate import Estimate
 from autotune.models.drive_model import DriveModel, base_model
+from autotune.recordings.recording import Recording
+from tests.support.arm import COULOMB, INERTIA, arm
 
 NUMBERS = {
     "inertia": 1.5e-3, "viscous": 2.4e-3, "coulomb": 0.05, "stiffness": 86.0, "micro_damping": 0.15, "offset": 0.0,
@@ -89,3 +93,30 @@ def test_an_inertia_is_no_surer_than_two_ways_of_taking_the_torque_agree(
     assert result.model is not None
     assert result.model.parameters["inertia"].standard_error == pytest.approx(0.05e-3)
     assert result.model["inertia"] == 1.45e-3
+
+
+def _by_chance() -> Recording:
+    """A joint whose experiments have two names of the standard programme, and are none of it."""
+    moves = arm()
+    columns = {name: moves[name] for name in ("time", "position", "torque")}
+    early = np.arange(len(moves)) < len(moves) // 2
+    return Recording.from_columns(columns, moves.metadata, np.where(early, "presliding", "high_speed"))
+
+
+def test_experiments_that_are_of_the_standard_programme_by_name_only_are_fitted_together() -> None:
+    """Files with the labels 'presliding' and 'high_speed' were refused: there was no 'steady_state' in them."""
+    found = fit_recordings.fit_recordings([_by_chance()])
+    assert (found.valid, found.method) == (True, "twin")
+    assert found.model is not None
+    assert found.model["coulomb"] == pytest.approx(COULOMB, rel=0.05)
+    assert found.model["inertia"] == pytest.approx(INERTIA, rel=0.05)
+
+
+def test_where_that_fails_too_the_programme_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: Any) -> FitResult:
+        raise NotEnoughExcitation("the axis was not excited")
+
+    monkeypatch.setattr(fit_recordings, "_together", refused)
+    found = fit_recordings.fit_recordings([_by_chance()])
+    assert not found.valid
+    assert "there is no experiment 'steady_state'" in found.reason

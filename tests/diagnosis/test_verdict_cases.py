@@ -696,6 +696,24 @@ def test_a_rival_whose_rest_is_explained_is_none(
     assert not facts._explained_away(found, "reversal_memory")
 
 
+@pytest.mark.parametrize(("share", "away"), [(0.0, True), (0.6, False)])
+def test_where_time_is_up_a_rival_is_refuted_by_the_fit_that_it_has(
+    monkeypatch: pytest.MonkeyPatch, share: float, away: bool
+) -> None:
+    """Viscosity that explained 91 % was "ambiguous" with a Stribeck drop of which 0 % stood in the same table."""
+    monkeypatch.setattr(facts, "_with_own_course", lambda *_: pytest.fail("there is no time"))
+    monkeypatch.setattr(candidates, "explained_beside", lambda *_: SimpleNamespace(share=0.97))
+    certain = SimpleNamespace(certain=True)
+    rival = SimpleNamespace(effect="stribeck", share=share, training=certain, veto=None, model_fit=None)
+    chosen = SimpleNamespace(effect="nonlinear_viscous", model_fit=None)
+    evidence = SimpleNamespace(apart=lambda *_: True)
+    problem = SimpleNamespace(policy=POLICY, has=lambda _: True)
+    known = (problem, None, chosen, evidence, (), None, "", 0.0, 0.9, ())
+    found = Facts(*known, first=[rival], tried=[rival], cut_short=True)
+    assert facts._explained_away(found, "stribeck") is away
+    assert not facts._explained_away(found, "dwell_time_break_away")
+
+
 @pytest.mark.parametrize(
     ("candidates", "orders", "rivals"), [((), 9, True), (None, 9, False), (None, 0, True)]
 )

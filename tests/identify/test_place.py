@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -18,34 +17,7 @@ from autotune.estimation.problem import one_way
 from autotune.identify.steady_state import fit_speed_curve
 from autotune.recordings.recording import Metadata, Recording
 from autotune.recordings.speed_points import speed_points
-
-PERIOD, SECONDS = 2e-3, 16.0
-INERTIA, COULOMB, VISCOUS, OFFSET = 0.4, 2.0, 0.3, 0.5
-
-
-def arm(
-    gravity: float = 0.0, spring: float = 0.0, sign: float = 1.0, narrow: float = 1.0, curved: float = 0.0
-) -> Recording:
-    """A joint on four sines, without a reference: friction reverses over a milliradian, noise of 0.02 N m."""
-    time = np.arange(round(SECONDS / PERIOD)) * PERIOD
-    position, velocity, acceleration = np.full(len(time), 0.4), np.zeros(len(time)), np.zeros(len(time))
-    for size, rate, phase in ((0.7, 0.13, 0.0), (0.3, 0.41, 1.0), (0.12, 0.97, 2.0), (0.03, 2.3, 3.0)):
-        angle, turn = 2.0 * math.pi * rate * time + phase, 2.0 * math.pi * rate
-        position += narrow * size * np.sin(angle)
-        velocity += narrow * size * turn * np.cos(angle)
-        acceleration -= narrow * size * turn**2 * np.sin(angle)
-    bent = np.zeros(len(time))
-    for k in range(1, len(time)):
-        way = (position[k] - position[k - 1]) / 1e-3
-        bent[k] = math.copysign(1.0, way) + (bent[k - 1] - math.copysign(1.0, way)) * math.exp(-abs(way))
-    torque = INERTIA * acceleration + VISCOUS * velocity + COULOMB * bent + OFFSET
-    torque += gravity * np.sin(position + 0.6) + spring * position + curved * (position - 0.4) ** 2
-    # what acts until the next sample is logged at the sample, and noise beside it
-    torque = 0.5 * (torque + np.append(torque[1:], torque[-1]))
-    torque = sign * torque + 0.02 * np.random.default_rng(3).normal(size=len(time))
-    return Recording.from_columns(
-        {"time": time, "position": position, "torque": torque}, Metadata(sample_period=PERIOD), "moves"
-    )
+from tests.support.arm import COULOMB, INERTIA, OFFSET, arm
 
 
 def behind(gear: float, load: Recording) -> Recording:
@@ -179,18 +151,16 @@ def test_a_wrong_sign_is_found_under_gravity_too(gravity: float) -> None:
         fit_recordings([arm(gravity, sign=-1.0)])
 
 
-def test_an_inertia_that_comes_out_right_has_no_wrong_sign(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_inertia_that_comes_out_right_has_no_wrong_sign() -> None:
     """An oscillator with next to no friction was told that its torque counts the other way."""
-    monkeypatch.setattr(sys.modules[__name__], "COULOMB", -0.2)
     with pytest.raises(NotEnoughExcitation, match="Coulomb friction comes out as -0"):
-        fit_recordings([arm(spring=5.0)])
+        fit_recordings([arm(spring=5.0, coulomb=-0.2)])
 
 
 @pytest.mark.parametrize("period", [4e-3, 1e-2])
-def test_gravity_in_slow_samples_is_found_alone(monkeypatch: pytest.MonkeyPatch, period: float) -> None:
+def test_gravity_in_slow_samples_is_found_alone(period: float) -> None:
     """A bristle held at what the fit without gravity had made of it brought memory beside it."""
-    monkeypatch.setattr(sys.modules[__name__], "PERIOD", period)
-    recording = arm(gravity=2.0)
+    recording = arm(gravity=2.0, period=period)
     fitted = fit_recordings([recording])
     assert fitted.model is not None
     assert diagnose([recording], fitted.model).effects == ("gravity_imbalance",)
