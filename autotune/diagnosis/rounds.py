@@ -112,7 +112,7 @@ def _leads(state: SearchState, before: ModelFit, law: ModelFit, ranked: Sequence
     """
     effects = [item for item in ranked if item.effect != MEMORY or not of_many(law.fitted.packed)]
     best = max(effects, key=lambda item: item.gain, default=None)
-    gain, most = gain_and_z(before.unseen, law.unseen)[0], max(best.gain, 0.0) if best is not None else 0.0
+    gain, most = gain_and_z(before.unseen, law.unseen)[0], best.gain if best is not None else 0.0
     if best is None or gain >= most:
         return gain >= most
     near = creeps(law.fitted.packed) and gain >= state.problem.policy.named * most
@@ -123,8 +123,8 @@ def _stands_for_coulomb(state: SearchState, before: ModelFit, item: ScreenedCand
     """Whether an effect, fitted inside the twin, takes the place of most of the Coulomb friction `before` it.
 
     Friction without a static part goes through zero as a smooth function of the speed. A viscosity that bends by the
-    tenth root of the speed does so nearly: beside a load dependence and a memory it explained a fortieth more than the
-    true law, had three quarters of the Coulomb friction, and was named with a saturation for the other two.
+    tenth root of the speed does so nearly: beside a load dependence and a memory it gained 76 % where the true law
+    gained 74, took three quarters of the Coulomb friction over, and was named, with a saturation, for the other two.
     """
     if EFFECTS[item.effect].approximate:
         return False
