@@ -569,12 +569,10 @@ def _explained_away(facts: Facts, rival: str) -> bool:
     Where there is no time for that, only one is that was followed there, and explains less than half.
     """
     problem, chosen = facts.problem, facts.chosen
-    if facts.cut_short:
-        weak = [one for one in facts.tried if one.effect == rival and one.share < problem.policy.partly]
-        best = weak[0] if weak else None
-    else:
-        best = _with_own_course(facts, rival)
+    best = _followed(facts, rival) if facts.cut_short else _with_own_course(facts, rival)
     if chosen is None or best is None or not _certain(best):
+        return False
+    if facts.cut_short and best.share >= problem.policy.partly:
         return False
     if not facts.evidence.apart(problem, chosen.model_fit, best.model_fit):
         return False
@@ -592,10 +590,15 @@ def _certain(item: FittedCandidate) -> bool:
     return item.training.certain or (item.veto is not None and item.veto.certain)
 
 
+def _followed(facts: Facts, effect: str) -> FittedCandidate | None:
+    """An effect as it was fitted inside the twin by itself; None where it was not."""
+    return next((one for one in facts.tried if one.effect == effect), None)
+
+
 def _with_own_course(facts: Facts, effect: str) -> FittedCandidate | None:
     """An effect fitted inside the twin, its course free where that explains more; None where it was no candidate."""
     problem, root = facts.problem, facts.root
-    item = next((one for one in facts.tried if one.effect == effect), None)
+    item = _followed(facts, effect)
     if item is None:
         screened = next((one for one in facts.first if one.effect == effect), None)
         item = inside_twin(problem, root, root, screened) if screened is not None else None

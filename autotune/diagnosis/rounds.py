@@ -112,10 +112,12 @@ def _leads(state: SearchState, before: ModelFit, law: ModelFit, ranked: Sequence
     """
     effects = [item for item in ranked if item.effect != MEMORY or not of_many(law.fitted.packed)]
     best = max(effects, key=lambda item: item.gain, default=None)
-    gain, most = gain_and_z(before.unseen, law.unseen)[0], best.gain if best is not None else 0.0
-    if best is None or gain >= most:
-        return gain >= most
-    near = creeps(law.fitted.packed) and gain >= state.problem.policy.named * most
+    gain = gain_and_z(before.unseen, law.unseen)[0]
+    if best is None:
+        return gain >= 0.0
+    if gain >= best.gain:
+        return True
+    near = creeps(law.fitted.packed) and gain >= state.problem.policy.named * best.gain
     return near and _stands_for_coulomb(state, before, best)
 
 
@@ -146,10 +148,13 @@ def _law_before(state: SearchState, ranked: Sequence[ScreenedCandidate], best: F
     if state.law_first or not state.more_to_explain(state.model_fit):
         return False
     _, law = _leading_law(state, state.model_fit)
-    if law is not None and EFFECTS[best.effect].in_transmission and state.problem.has_veto:
+    if law is None:
+        return False
+    if EFFECTS[best.effect].in_transmission and state.problem.has_veto:
+        if gain_on_veto(state.problem, state.model_fit, law) < best.gain:
+            return False
         ranked = [item for item in ranked if not EFFECTS[item.effect].in_transmission]
-        law = law if gain_on_veto(state.problem, state.model_fit, law) >= best.gain else None
-    state.law_first = law is not None and _leads(state, state.model_fit, law, ranked)
+    state.law_first = _leads(state, state.model_fit, law, ranked)
     return state.law_first
 
 

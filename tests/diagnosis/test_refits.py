@@ -796,10 +796,8 @@ def test_a_law_of_the_base_comes_before_a_further_effect_that_explains_less(
         SimpleNamespace(effect="reversal_memory", gain=memory),
         SimpleNamespace(effect="stribeck", gain=other),
     ]
-    looking, best = (
-        _search(SimpleNamespace(model_fit=SimpleNamespace(unseen=0.0))),
-        Item("stribeck", SimpleNamespace(), gain=other),
-    )
+    looking = _search(SimpleNamespace(model_fit=SimpleNamespace(unseen=0.0)))
+    best = Item("stribeck", SimpleNamespace(), gain=other)
     assert _law_before(looking, ranked, best) is first
     looking.law_first = True  # asked so far
     assert not _law_before(looking, ranked, best)
