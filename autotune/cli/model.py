@@ -26,7 +26,7 @@ Rrd = Annotated[Path | None, typer.Option("--rrd", metavar="FILE", help="Write a
 NOTHING = 3
 MOST_SECONDS = 300.0
 """Of a diagnosis, which takes ten to thirty for most recordings: who has seen a bar for so long wants to know."""
-FIT_STEPS, DIAGNOSE_STEPS, ADD_STEPS = 2, 15, 2
+FIT_STEPS, DIAGNOSE_STEPS, ADD_STEPS = 4, 15, 2
 """Fits, about: a diagnosis looks at sixteen effects for each one that it finds, two of them with a load that rings."""
 
 

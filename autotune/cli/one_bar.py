@@ -12,6 +12,7 @@ SECONDS_A_STEP, SECONDS_A_ROW = 0.05, 2e-5
 LEAST_LEFT = 1.0
 """Steps that may always be to come."""
 OTHERWISE = (
+    ("fit of all motion together", 3.0),
     ("motor and load", 5.0),
     ("candidate elastic_transmission", 1.2),
     ("candidate backlash", 1.6),

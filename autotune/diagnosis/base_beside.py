@@ -217,11 +217,16 @@ def beside_own_presliding(state: SearchState, found: Found) -> Found:
     single = {item.effect: item for item in state.tried if item.effect != MEMORY}
     if len(others) == 1 and beside is not None:  # those by themselves lack the elements
         single |= {item.effect: item for item in alike}
+    first, (chosen_then, further) = state.first, state.further
+    if (
+        chosen_then == (MEMORY,) and not others
+    ):  # beside elements, by whatever name: those of before lack them
+        first, single = further, {}
     found = replace(
         found,
         root=own,
         chosen=beside,
-        first=[item for item in state.first if item.effect != MEMORY],
+        first=[item for item in first if item.effect != MEMORY],
         tried=list(single.values()),
         exchanged=alike if len(others) > 1 else (),
         presliding=chosen,

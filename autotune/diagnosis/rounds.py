@@ -247,6 +247,8 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
     if first:
         state.first = ranked
         state.keep()
+    else:
+        state.further = model_fit.effects, ranked
     check_time()
     if first and _other_law(state, ranked):
         if state.begin_again is not None:

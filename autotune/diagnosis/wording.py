@@ -377,7 +377,9 @@ def why(
         return "taken beside the others: lowers what they leave"
     gain = f"gain {100 * max(item.gain, WORST_GAIN):.1f} % on unseen experiments"
     gate = evidence.stopped_by(problem, root, item)
-    return f"{gain}; {gate}" if gate else f"{gain}, less than others"
+    if gate:
+        return f"{gain}; {gate}"
+    return f"{gain}, {'less than others' if fits or effects else 'too little to be fitted inside the twin'}"
 
 
 def rms_unexplained(problem: Problem, root: ModelFit, rows: Flags | None = None) -> float:

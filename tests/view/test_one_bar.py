@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from autotune.cli.model import FIT_STEPS
 from autotune.cli.one_bar import one_bar
 from autotune.view.console import ConsoleProgress
 
@@ -33,10 +34,10 @@ def test_what_is_left_goes_by_the_rows_and_by_long_steps(capsys: pytest.CaptureF
 
 
 def test_only_more_steps_than_foreseen_are_longer_than_usual(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fit has two; what may always be to come is no sign that more does."""
+    """Of a fit the two are known; what may always be to come is no sign that more does."""
     beyond: list[str] = []
     monkeypatch.setattr(ConsoleProgress, "beyond", lambda _, what: beyond.append(what))
-    with one_bar("fit", 2) as step:
+    with one_bar("fit", FIT_STEPS) as step:
         for what in ("fit of all motion together", "fit of the model as it is", "another fit"):
             step(what)
     assert beyond == ["another fit"]

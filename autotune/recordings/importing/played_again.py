@@ -74,7 +74,8 @@ def told_apart(recording: Recording) -> tuple[Recording, str | None]:
     for segment in recording.segments():
         groups.setdefault(segment.experiment, []).append(segment)
     lengths = {name: {one.stop - one.start for one in own} for name, own in groups.items()}
-    uneven = any(len(own) > 1 for name, own in lengths.items() if name != CONDITIONING)
+    differ = max((max(own) - min(own) for name, own in lengths.items() if name != CONDITIONING), default=0)
+    uneven = differ > 0
     known = "reference" in recording
     if (not known or np.any(recording.repeat > 0)) and not uneven:
         return recording, None
@@ -90,7 +91,7 @@ def told_apart(recording: Recording) -> tuple[Recording, str | None]:
     split = Recording.from_columns(
         columns, recording.metadata, labels.experiment.astype(str), labels.repeat, recording.missed
     )
-    return split, _said(labels, uneven)
+    return split, _said(labels, differ)
 
 
 def _labelled(recording: Recording, groups: Mapping[str, Sequence[Segment]], least: float) -> _Labels:
@@ -107,12 +108,13 @@ def _labelled(recording: Recording, groups: Mapping[str, Sequence[Segment]], lea
     return labels
 
 
-def _said(labels: _Labels, uneven: bool) -> str:
+def _said(labels: _Labels, differ: int) -> str:
+    """What was told apart; `differ`: rows by which repeats of one label do in length."""
     times = "twice" if labels.most == 2 else f"up to {labels.most} times"
-    if uneven:
+    if differ:
         return (
-            f"repeats of one label are of different lengths: by their course {labels.number} motions in them are "
-            f"played {times}, and put beside each other"
+            f"repeats of one label differ in length, by {differ} row{'s' if differ > 1 else ''} at most: by their "
+            f"course {labels.number} motions in them are played {times}, and put beside each other"
         )
     return (
         f"the reference plays {labels.number} motions {times}: they are told apart as repeats (name the file's motion "
