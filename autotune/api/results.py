@@ -197,7 +197,7 @@ class DiagnosisResult(Result):
 
         `source`: what the data were, for the model's history.
         """
-        from autotune.diagnosis.found_model import found_model
+        from autotune.tuning.found_model import found_model
 
         when = datetime.now(UTC).isoformat(timespec="seconds")
         found = found_model(self._diagnosis, self._model, when, source)

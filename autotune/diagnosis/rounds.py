@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from autotune.core.time_limit import check_time
+from autotune.diagnosis.base_beside import law_before_further, other_law
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     ScreenedCandidate,
-    asked_for,
     clearly_falls_on_veto,
     explained_beside,
     explained_of_rest,
@@ -23,11 +23,6 @@ from autotune.diagnosis.candidates import (
     gain_on_veto,
     least_fall,
     plainer,
-)
-from autotune.diagnosis.contact_laws import EFFECT as MEMORY
-from autotune.diagnosis.contact_laws import (
-    creeps,
-    of_many,
 )
 from autotune.diagnosis.evidence.torque_path import lag_in_loop, late_anew, without_long_lag
 from autotune.diagnosis.free_shape import with_free_shape
@@ -53,12 +48,8 @@ from autotune.diagnosis.transmission import (
     without_needless_gap,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.cross_validation import (
-    gain_and_z,
-)
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
-from autotune.models import layout
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
@@ -82,111 +73,6 @@ def next_best(state: SearchState, first: bool) -> FittedCandidate | None:
             break
         best = one_round(state, first)
     return best
-
-
-def _other_law(state: SearchState, ranked: Sequence[ScreenedCandidate]) -> bool:
-    """Whether an optional law of the base explains more than any effect: then the root has it.
-
-    Memory is no effect beside the friction of many contacts, unless it goes on beyond them.
-    """
-    state.outdone = None  # of a round before, from another root
-    asked = state.more_to_explain(state.root)
-    if not asked and not state.evidence.worth_fitting(state.problem, state.root, ranked):
-        return False
-    best, other = _leading_law(state, state.root)
-    if other is None:
-        return False
-    if not _leads(state, state.root, other, ranked):
-        state.outdone = other
-        return False
-    state.progress(state.laws[best].about)
-    state.take_root(other)
-    state.begins_again()
-    return True
-
-
-def _leads(state: SearchState, before: ModelFit, law: ModelFit, ranked: Sequence[ScreenedCandidate]) -> bool:
-    """Whether a law of the base beside `before` explains at least as much as any effect does there.
-
-    Friction without a static part nearly as much, where the effect stands for it.
-    """
-    effects = [item for item in ranked if item.effect != MEMORY or not of_many(law.fitted.packed)]
-    best = max(effects, key=lambda item: item.gain, default=None)
-    gain = gain_and_z(before.unseen, law.unseen)[0]
-    if best is None:
-        return gain >= 0.0
-    if gain >= best.gain:
-        return True
-    near = creeps(law.fitted.packed) and gain >= state.problem.policy.named * best.gain
-    return near and _stands_for_coulomb(state, before, best)
-
-
-def _stands_for_coulomb(state: SearchState, before: ModelFit, item: ScreenedCandidate) -> bool:
-    """Whether an effect, fitted inside the twin, takes the place of most of the Coulomb friction `before` it.
-
-    Friction without a static part goes through zero as a smooth function of the speed. A viscosity that bends by the
-    tenth root of the speed does so nearly: beside a load dependence and a memory it gained 76 % where the true law
-    gained 74, took three quarters of the Coulomb friction over, and was named, with a saturation, for the other two.
-    """
-    if EFFECTS[item.effect].approximate:
-        return False
-    state.progress(f"refit inside the twin: {item.effect}")
-    fitted = inside_twin(state.problem, state.root, before, item)
-    if fitted is None:
-        return False
-    left, was = (one.fitted.packed.p[layout.COULOMB] for one in (fitted.model_fit, before))
-    return bool(left < state.problem.policy.partly * was)
-
-
-def _law_before(state: SearchState, ranked: Sequence[ScreenedCandidate], best: FittedCandidate) -> bool:
-    """Whether a law of the base is asked for beside what was found, before any further effect, the best of all.
-
-    The effect that was found hid it in the root. A memory takes the place of a contact's own curve beside an
-    effect as it does alone, worse than the curve and with a name: once it is there the law is not asked for. What two
-    masses gain in a screening scatters: their fit is held against the law on the veto trajectory, where there is one.
-    """
-    if state.law_first or not state.more_to_explain(state.model_fit):
-        return False
-    _, law = _leading_law(state, state.model_fit)
-    if law is None:
-        return False
-    if EFFECTS[best.effect].in_transmission and state.problem.has_veto:
-        if gain_on_veto(state.problem, state.model_fit, law) < best.gain:
-            return False
-        ranked = [item for item in ranked if not EFFECTS[item.effect].in_transmission]
-    state.law_first = _leads(state, state.model_fit, law, ranked)
-    return state.law_first
-
-
-def _leading_law(state: SearchState, before: ModelFit) -> tuple[int, ModelFit | None]:
-    """Of the laws of the base the one that explains most beside `before`; None where data ask for none."""
-    found = _other_laws(state, before)
-    gains = [gain_and_z(before.unseen, one.unseen)[0] if one is not None else 0.0 for one in found]
-    best = _plainest(state, found, max(range(len(found)), key=lambda i: gains[i]))
-    return best, found[best]
-
-
-def _other_laws(state: SearchState, before: ModelFit) -> list[ModelFit | None]:
-    """A model with each law of the base that data ask for.
-
-    One that leaves nothing beyond doubt is no reason not to ask the next: where repeats are few, doubt is wide, and a
-    chain of elements stood for the curve of Dahl's law with twice the error of that.
-    """
-    return [state.borne_out(law.added(state.problem, before, asked_for), before) for law in state.laws]
-
-
-def _plainest(state: SearchState, found: Sequence[ModelFit | None], best: int) -> int:
-    """The best of several laws of the base; or one with fewer parameters, where data do not ask for more."""
-    other = found[best]
-    plainer = [
-        (one.fitted.cost, i)
-        for i, one in enumerate(found)
-        if one is not None
-        and other is not None
-        and len(one.free) < len(other.free)
-        and not asked_for(state.problem, one, other)
-    ]
-    return min(plainer)[1] if plainer else best
 
 
 def _rooted_anew(state: SearchState, best: FittedCandidate) -> bool:
@@ -250,7 +136,7 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
     else:
         state.further = model_fit.effects, ranked
     check_time()
-    if first and _other_law(state, ranked):
+    if first and other_law(state, ranked):
         if state.begin_again is not None:
             return None
         problem, model_fit = state.problem, state.root
@@ -277,7 +163,7 @@ def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
         leads = state.evidence.best(problem, fits)
         fits = best_refined(problem, state.root, model_fit, fits, leads, state.progress)
     best = _best(state, fits)
-    return None if best is not None and not first and _law_before(state, ranked, best) else best
+    return None if best is not None and not first and law_before_further(state, ranked, best) else best
 
 
 def best_in_haste(state: SearchState) -> FittedCandidate | None:

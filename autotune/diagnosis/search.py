@@ -12,13 +12,7 @@ from dataclasses import fields, replace
 
 from autotune.core.time_limit import TimeIsUp, check_time, limited
 from autotune.diagnosis.backward import backward_of, in_place, tidy, try_look_alikes, try_motor
-from autotune.diagnosis.base_beside import (
-    beside_own_presliding,
-    drop_laws,
-    other_law_beside,
-    shape_base,
-    where_it_slides,
-)
+from autotune.diagnosis.base_beside import drop_laws, other_law_beside, shape_base
 from autotune.diagnosis.base_laws import CLIMB_LAW
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -40,6 +34,7 @@ from autotune.diagnosis.evidence.torque_path import (
     lag_in_loop,
     sees_late,
 )
+from autotune.diagnosis.own_presliding import beside_own_presliding, where_it_slides
 from autotune.diagnosis.refits import (
     judged,
     settled_in,

@@ -91,10 +91,10 @@ class SearchState:
 
     `outdone` is the root with a law of the base, where an effect explains more than that; `beside` a model with effects
     that the root's law was found beside; `seen` are the models that were fitted inside the twin, `first` and `tried`
-    those of the first round, `later` those of the others; `further` are all candidates beside what was chosen before the
-    last round, with its effects; `laws` those of the base that may be asked for, and
-    `law_first` that one leads a further effect, or that none is asked for any more; `delayed` that a dead time of some
-    rows does as well as the lag that was found; `kept` the search as it was when all of it belonged together last.
+    those of the first round, `later` those of the others; `further` all candidates of the last of those, with the
+    effects that they are beside; `laws` those of the base that may be asked for, and `law_first` that one leads a
+    further effect, or that none is asked for any more; `delayed` that a dead time of some rows does as well as the lag
+    that was found; `kept` the search as it was when all of it belonged together last.
     """
 
     problem: Problem

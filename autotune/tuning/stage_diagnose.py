@@ -18,7 +18,6 @@ from autotune.control.model_feedforward import left_out
 from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.core.units import torque_symbol
 from autotune.diagnosis.compare import compare
-from autotune.diagnosis.found_model import FoundModel, found_model, torque_late
 from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.experiments.deciding import deciding
 from autotune.experiments.diagnosis import confirmation
@@ -30,6 +29,7 @@ from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.total_friction import stiffness_at_rest
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording
+from autotune.tuning.found_model import FoundModel, found_model, torque_late
 from autotune.tuning.question import rivals_of
 from autotune.tuning.session import Session
 

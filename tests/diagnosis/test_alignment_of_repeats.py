@@ -30,7 +30,6 @@ from autotune.diagnosis.evidence.torque_path import (
     sees_late,
     without_long_lag,
 )
-from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.refits import settled_in
 from autotune.diagnosis.search import _cycles_do, _is_dead_time, _lags_after_all, _without_chains_lag
 from autotune.diagnosis.search_state import SearchState
@@ -62,6 +61,7 @@ from autotune.models.torque_path import delivered
 from autotune.models.torque_saturation import bent
 from autotune.recordings.recording import Metadata, Recording
 from autotune.signals.between_samples import delayed
+from autotune.tuning.found_model import torque_late
 from tests.estimation.simulated import AXIS, RESOLUTION, TRUE, followed
 from tests.support.axes import NOMINAL, plain_axis
 from tests.support.diagnosis_programme import play, programme

@@ -13,6 +13,7 @@ from autotune.diagnosis import (
     backward,
     base_beside,
     confirmation,
+    own_presliding,
     refits,
     rounds,
     search,
@@ -355,7 +356,7 @@ def test_no_law_of_an_earlier_root_counts_as_outdone(monkeypatch: pytest.MonkeyP
     state.outdone = SimpleNamespace(left=0.7)
     state.evidence.worth_fitting = lambda *_: []
     monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: False)
-    assert not rounds._other_law(state, [])
+    assert not base_beside.other_law(state, [])
     assert state.outdone is None
 
 
@@ -399,9 +400,9 @@ def test_rivals_beside_elements_that_are_the_base_s_have_them_too(
         "_remembered_beyond": None,
         "_needed_beside": True,
     }.items():
-        monkeypatch.setattr(base_beside, name, lambda *_, value=value: value)
-    monkeypatch.setattr(base_beside, "replace", _replaced)
-    found = base_beside.beside_own_presliding(
+        monkeypatch.setattr(own_presliding, name, lambda *_, value=value: value)
+    monkeypatch.setattr(own_presliding, "replace", _replaced)
+    found = own_presliding.beside_own_presliding(
         state, Found(None, None, chosen, (), state.tried, {}, exchanged=[rival, instead])
     )
     assert {one.effect: one.model_fit.left for one in found.tried} == tried
@@ -434,8 +435,8 @@ def test_rivals_of_a_memory_beside_a_climb_climb_too(
         "replace": _replaced,
     }.items():
         value = value if callable(value) else lambda *_, value=value: value
-        monkeypatch.setattr(base_beside, name, value)
-    found = base_beside.beside_own_presliding(
+        monkeypatch.setattr(own_presliding, name, value)
+    found = own_presliding.beside_own_presliding(
         state, Found(None, None, chosen, (), state.tried, {}, exchanged=exchanged)
     )
     assert found.root is root
@@ -534,7 +535,7 @@ def test_a_rival_with_a_free_course_is_taken_later_by_its_own_law(monkeypatch: p
         "_fit_down": [item("gravity_imbalance", "spring")],
         "without_needless_gap": lambda _, fits: fits,
         "_best": lambda _, fits: fits[0],
-        "_law_before": False,
+        "law_before_further": False,
     }.items():
         value = value if callable(value) else lambda *_, value=value: value
         monkeypatch.setattr(rounds, name, value)

@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autotune.diagnosis.base_beside import where_it_slides
 from autotune.diagnosis.candidates import free_of_model, no_progress
 from autotune.diagnosis.contact_laws import goes_on, without_memory, without_tail
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.found_model import found_model
+from autotune.diagnosis.own_presliding import where_it_slides
 from autotune.diagnosis.refits import judged
 from autotune.diagnosis.search_state import Found, SearchState
 from autotune.diagnosis.verdict import Diagnosis, diagnose
@@ -26,6 +25,7 @@ from autotune.models.layout import COULOMB, MICRO_DAMPING, STIFFNESS
 from autotune.models.reversal_memory import ATTRACTION, DAMPING, REMEMBERS, REVERSAL_MEMORY
 from autotune.models.stribeck import STRIBECK
 from autotune.recordings.recording import Recording
+from autotune.tuning.found_model import found_model
 from autotune_sim.plant import Bristle, Element
 from tests.support.axes import NOMINAL, plain_axis
 from tests.support.diagnosis_programme import play

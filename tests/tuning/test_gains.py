@@ -17,11 +17,11 @@ from autotune.control.gains.requirements import Requirements
 from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
-from autotune.diagnosis.found_model import torque_late
 from autotune.models.model_file import write_model
 from autotune.recordings.files import write_recording
 from autotune.recordings.recording import Metadata, Recording
 from autotune.tuning.catalogue import catalogue_of
+from autotune.tuning.found_model import torque_late
 from autotune.tuning.gains import judge_axis, known_of
 from tests.control.gains_axis import vertical
 

@@ -16,7 +16,6 @@ from autotune.control.reduction import LUGRE, Reduction
 from autotune.control.refinement import PeriodAverage
 from autotune.core.arrays import Floats
 from autotune.core.axis import read_axis
-from autotune.diagnosis.found_model import FoundModel
 from autotune.diagnosis.verdict import Diagnosis
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.path import Motion
@@ -25,6 +24,7 @@ from autotune.models.drive_model import base_model
 from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Metadata, Recording
 from autotune.tuning import stage_diagnose
+from autotune.tuning.found_model import FoundModel
 from autotune.tuning.proof import TrackingError
 from autotune.tuning.session import Session
 from autotune.tuning.stage_adapt import RefinementStep

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from autotune.diagnosis.found_model import _by_lag
 from autotune.models.drive_model import base_model
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.torque_lag import TORQUE_LAG
+from autotune.tuning.found_model import _by_lag
 from tests.support.axes import NOMINAL
 
 
