@@ -57,6 +57,8 @@ if TYPE_CHECKING:
 
 ROUNDS = 2
 """Of a fit of the base beside effects that were carried."""
+WORTH_SAYING = 0.05
+"""Of a parameter: less of a difference is what models of both recordings err by, whatever their standard errors."""
 ORDER = (NAMED, AMBIGUOUS, UNKNOWN, NONE)
 """Verdicts on recordings, those that tell most first."""
 BASE = {
@@ -369,7 +371,8 @@ def much_unexplained(problem: Problem, model_fit: ModelFit, number: int) -> str:
 
 
 def base_in_words(first: tuple[int, Problem, ModelFit], other: tuple[int, Problem, ModelFit]) -> str:
-    """By which parameters two recordings come to a different base, beyond their standard errors; empty where by none.
+    """By which parameters two recordings come to a different base, beyond their standard errors and what models err by;
+    empty where by none.
 
     Each by its number, with its problem and the fit to it.
     """
@@ -381,12 +384,17 @@ def base_in_words(first: tuple[int, Problem, ModelFit], other: tuple[int, Proble
         if any(name not in base for base in bases):
             continue
         (one, error), (two, its_error) = (base[name] for base in bases)
-        if abs(one - two) > apart * math.hypot(error, its_error):
+        least = max(apart * math.hypot(error, its_error), WORTH_SAYING * max(abs(one), abs(two)))
+        if abs(one - two) > least:
             unit = surface_parameter(name).unit_for(metadata.motion_unit, metadata.torque_unit)
-            told.append(f"{words} {one:.3g} and {two:.3g} {unit}")
+            told.append(f"{words} {_with_error(one, error)} and {_with_error(two, its_error)} {unit}")
     if not told:
         return ""
     return f"Recordings {number} and {other[0]} come to a different base: {', '.join(told)}."
+
+
+def _with_error(value: float, error: float) -> str:
+    return f"{value:.3g} ± {error:.1g}"
 
 
 def _base(problem: Problem, model_fit: ModelFit) -> dict[str, tuple[float, float]]:

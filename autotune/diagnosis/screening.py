@@ -213,8 +213,9 @@ def _short_fits(
 ) -> list[_ShortFit]:
     """Short fits from all starts of an effect, the best first; `needed`: see `scouted`.
 
-    A start that was given up by one run of its twin, and by as many as a fit takes falls by what is needed as it is, is
-    looked for after all: it would go on as a candidate whose own parameters nothing has moved.
+    A start that was given up by one run of its twin, and by as many as a fit takes falls by what is needed as it is, or
+    gains as much on unseen experiments, is looked for after all: it would go on as a candidate whose own parameters
+    nothing has moved.
     """
     starts = list(starts_of(kind, Context(problem, model_fit.fitted, nominal)))
     if kind.in_transmission:
@@ -231,9 +232,17 @@ def _short_fits(
         if (found := [one for one in both if one is not None])
     ]
     given_up = needed > 0.0 and not any(start.free for start in starts)
-    if given_up and any(item.fitted.cost < (1.0 - needed) * model_fit.fitted.cost for item in tried):
+    if given_up and any(_comes_on(problem, model_fit, item.fitted, needed) for item in tried):
         return _short_fits(problem, model_fit, nominal, kind)
     return sorted(tried, key=lambda item: item.fitted.cost)
+
+
+def _comes_on(problem: Problem, model_fit: ModelFit, fitted: Fitted, needed: float) -> bool:
+    """Whether a fit falls, or gains on unseen experiments, by what is needed."""
+    if fitted.cost < (1.0 - needed) * model_fit.fitted.cost:
+        return True
+    gain, _ = gain_and_z(model_fit.unseen, held_out(problem, fitted.error, fitted.jacobian))
+    return gain >= needed
 
 
 def _from_its_size(

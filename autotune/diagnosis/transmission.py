@@ -43,6 +43,7 @@ from autotune.models.elastic_transmission import (
 from autotune.models.load_dependent_friction import LOAD_DEPENDENT_FRICTION
 from autotune.models.load_side import AT_START, compliance_of_one_mass, ringing_compliance
 from autotune.models.start_values import Vary
+from autotune.models.transmission import BETWEEN
 
 LOADS, PARTS = (0.0, 0.25, 0.5, 0.75, 1.0), (1.0, 0.25)
 """Of the torque, under which another contact gives way as far as the one before; and of the damping by impact, as
@@ -413,6 +414,12 @@ def _as_soft(problem: Problem, gap: Packed, spring: Packed, load: float) -> Pack
     return Packed(p, spring.on)
 
 
+def _may_move(problem: Problem, model_fit: ModelFit) -> bool:
+    """Whether a twin follows two masses of which something between them is free."""
+    free = any(one.slot in BETWEEN for one in model_fit.free)
+    return free and problem.twin and problem.two_masses(model_fit.fitted.packed)
+
+
 def masses_led_on(
     problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress
 ) -> FittedCandidate:
@@ -421,7 +428,7 @@ def masses_led_on(
     Across its valley too while it has no name: there a fit that stops short makes a true one nameless.
     """
     model_fit = chosen.model_fit
-    if not problem.twin or not problem.two_masses(model_fit.fitted.packed):
+    if not _may_move(problem, model_fit):
         return chosen
     progress("motor and load led on")
     packed = led_on(problem, model_fit, across=not chosen.named)
@@ -440,7 +447,7 @@ def masses_scattered(
     that leaves least of what comes again.
     """
     model_fit = chosen.model_fit
-    if not problem.twin or not problem.two_masses(model_fit.fitted.packed):
+    if not _may_move(problem, model_fit):
         return chosen
     progress("motor and load fitted from elsewhere")
     best = chosen

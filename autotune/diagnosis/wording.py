@@ -161,7 +161,8 @@ CYCLES_OR_LAG = (
 )
 MOVED_UNTOLD = (
     "The torque was taken to act {late:.2g} ms {when} than it was recorded, where inertia and friction explain it "
-    "best: no controller tells when it acts, and a lag of the loop is none that these data could show."
+    "best: no controller tells when it acts, and a lag of the loop is none that these data could show. What the model "
+    "lacks moves that time too: it is no measurement of a delay."
 )
 NOT_LOOKED_FOR = (
     "Without a twin {names} cannot be told, and {was} not looked for; a twin needs the reference that the controller "
@@ -196,6 +197,7 @@ LEFT_BESIDE = (
     "Beside what is named an error of {times:.2g} times the noise is left that comes again: another effect, or another "
     "law of what is named; where and when it is there, the page of autotune model compare --html shows."
 )
+LOOKED_FOR = "effects that could be looked for"
 NEEDS_A_TWIN = "; what needs a twin was not looked for"
 GIVEN_AS = "Give it as a further file (autotune model diagnose FILE OTHER), or in this one, its rows labelled 'veto'."
 GIVEN_BESIDE = (
@@ -491,11 +493,12 @@ def unknown_note(
     part = chosen if chosen is not None and chosen.share >= policy.partly else None
     found, least = (part.model_fit.effects, policy.partly) if part is not None else ((), WORTH_TELLING)
     near = [item for item in tried if item.effect not in found and item.share >= least]
-    text = "Something repeatable is missing"
+    text = f"Something {'repeatable ' if evidence.repeats else ''}is missing"
+    known = "known effects" if problem.twin else LOOKED_FOR
     if part is not None or any(item.training.share >= policy.named for item in tried):
         text += " that no known effect explains beyond doubt"
     else:
-        text += " that none of the known effects explains" + " alone" * bool(near)
+        text += f" that none of the {known} explains" + " alone" * bool(near)
     if gain > policy.generic_gain:
         text += f"; it is structured in {coordinate.replace('_', ' ')}"
     if part is not None:
@@ -637,7 +640,7 @@ def headline(
     return {
         NAMED: f"missing: {names} ({confidence})",
         NONE: f"nothing is missing that these data could show{'' if twin else NEEDS_A_TWIN}",
-        UNKNOWN: "something is missing that is none of the known effects",
+        UNKNOWN: f"something is missing that is none of the {'known effects' if twin else LOOKED_FOR}",
         AMBIGUOUS: f"missing: {names}, or what looks like it",
     }[verdict]
 

@@ -105,6 +105,8 @@ TORQUE_LIMITED = LIMITED + (
     "{:.3g} {unit}, as its noise lets one see: only so has the controller a law. If you know the limit, name it: "
     "autotune data import FILE --torque-limit LIMIT"
 )
+LEFT_BY_A_LIMIT = 0.5
+"""Of what a law without a limit leaves unexplained: what one at the limit leaves at most that is no mere top."""
 TOLD_OF_LOOP = (AS_READ, FEEDS_FRICTION, LOGGED_FEEDFORWARD, ADDED, LIMITED, SET_POINTS_STAND)
 """How remarks begin that tell what was found out about the loop."""
 KICK, NEAR_KICK = 5.0, 2
@@ -572,6 +574,10 @@ def with_torque_limit(recordings: Sequence[Recording], data: Prepared, policy: P
     limited = replace(data, metadata=replace(data.metadata, torque_limit=limit))
     after = find_controller(limited, policy)
     if not after.usable or (before.usable and not _of_all_rows(after)):
+        return recordings
+    if 1.0 - after.explained > LEFT_BY_A_LIMIT * (
+        1.0 - before.explained
+    ):  # what is out of the way was in none
         return recordings
     unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
     said = TORQUE_LIMITED.format(limit, unit=unit)

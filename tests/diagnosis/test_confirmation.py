@@ -301,8 +301,12 @@ def test_a_base_that_differs_beyond_its_errors_is_said(monkeypatch: pytest.Monke
         return number, problem, SimpleNamespace(free=free, fitted=SimpleNamespace(packed=packed))
 
     said = base_in_words(fitted(1, 0.21), fitted(2, 0.17))
-    assert said == "Recordings 1 and 2 come to a different base: Coulomb friction 0.21 and 0.17 N m."
+    assert (
+        said
+        == "Recordings 1 and 2 come to a different base: Coulomb friction 0.21 ± 0.002 and 0.17 ± 0.002 N m."
+    )
     assert base_in_words(fitted(1, 0.21), fitted(2, 0.208)) == ""
+    assert base_in_words(fitted(1, 0.21), fitted(2, 0.201)) == "", "three standard errors, and 4 %"
 
 
 def test_a_contact_of_elements_is_compared_by_all_that_it_carries(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -325,7 +329,7 @@ def test_a_contact_of_elements_is_compared_by_all_that_it_carries(monkeypatch: p
         return number, problem, SimpleNamespace(free=own, fitted=of_all)
 
     assert base_in_words(fitted(1, 0.2, 0.0), fitted(2, 0.01, 0.19)) == ""
-    assert "0.3 and 0.2 N m" in base_in_words(fitted(1, 0.3, 0.0), fitted(2, 0.01, 0.19))
+    assert "0.3 ± 0.002 and 0.2 ± 0.02 N m" in base_in_words(fitted(1, 0.3, 0.0), fitted(2, 0.01, 0.19))
 
 
 def _verdict(word: str, *effects: str, confidence: str | None = None) -> Diagnosis:

@@ -301,11 +301,19 @@ def test_what_is_unknown_is_told_with_all_that_come_near(
             effect=effect, share=least, training=SimpleNamespace(share=trained), model_fit=own
         )
 
-    evidence: Any = SimpleNamespace(explains_part=lambda one: f"explains {100 * one.share:.0f} % of it")
-    problem: Any = SimpleNamespace(policy=POLICY)
+    def told(evidence: Any, problem: Any) -> str:
+        return unknown_note(problem, evidence, "velocity", 0.0, item("spring", share), others)
+
+    def explains_part(one: Any) -> str:
+        return f"explains {100 * one.share:.0f} % of it"
+
     others = [item(*one) for one in tried.items()]
-    text = unknown_note(problem, evidence, "velocity", 0.0, item("spring", share), others)
+    repeated = SimpleNamespace(explains_part=explains_part, repeats=True)
+    text = told(repeated, SimpleNamespace(policy=POLICY, twin=True))
     assert text == f"Something repeatable is missing {said}"
+    single = SimpleNamespace(explains_part=explains_part, repeats=False)
+    text = told(single, SimpleNamespace(policy=POLICY, twin=False))
+    assert text == f"Something is missing {said.replace('known effects', 'effects that could be looked for')}"
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.005, False), (0.02, True)])

@@ -193,6 +193,24 @@ def test_a_command_without_blanks_is_only_agreed_to(tmp_path: Path, signals: dic
     assert "one of 'torque=Strom U*CONSTANT', 'torque=Strom V*CONSTANT'. Fill in NAME, CONSTANT:" in said
 
 
+def test_a_constant_of_a_current_in_milliamperes_is_for_each_ampere(
+    tmp_path: Path, signals: dict[str, Floats]
+) -> None:
+    """0.9 N m for each A, written behind a column in mA, made a joint of 1680 N m and 20 kg m² without a question."""
+    path = tmp_path / "t.csv"
+    said, words = asked("t [s],q [rad],i [mA]", path, signals)
+    assert "'torque=i*0.12*mA' for 0.12 N m (or N) in each A" in said
+    assert words[-1] == "torque=i*CONSTANT*mA"
+    for options in ({}, {"torque_unit": "A"}):
+        with pytest.raises(ConfigurationError, match="makes 900 of each A") as caught:
+            bring_in(path, columns=("torque=i*0.9",), **options)
+        assert "'torque=i*0.9*mA' if 0.9 is for each A" in str(caught.value)
+        assert "'torque=i*900*mA' if it is for each mA" in str(caught.value)
+    for factor, times in (("0.9*mA", 9e-4), ("0.05", 0.05), ("900*mA", 0.9)):
+        read = bring_in(path, columns=(f"torque=i*{factor}",)).recording
+        np.testing.assert_allclose(read["torque"], times * signals["torque"], rtol=1e-8)
+
+
 def test_the_torque_commanded_is_taken_for_the_measured_one_only_where_that_is_said(
     tmp_path: Path, signals: dict[str, Floats]
 ) -> None:

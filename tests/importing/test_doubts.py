@@ -117,6 +117,8 @@ def test_unknown_units_are_not_guessed(text: str) -> None:
         ("Position [deg]", "Position", "deg"), ("pos_deg", "pos", "deg"), ("Torque in Nm", "Torque", "Nm"),
         ("Speed(rpm)", "Speed", "rpm"), ("Time, s", "Time", "s"), ("time", "time", ""),
         ("position_actual", "position_actual", ""), ("q_m", "q_m", ""), ("pos_m", "pos_m", ""),
+        ("vel_deg_s", "vel", "deg/s"), ("dq_rad_per_s", "dq", "rad/s"), ("v_mm_s", "v", "mm/s"),
+        ("n_rev_min", "n", "rev/min"), ("acc_rad_s2", "acc_rad_s2", ""), ("cycle_time_s", "cycle_time", "s"),
         ("vel_rad/s", "vel", "rad/s"), ("force_N", "force", "N"), ("Kraft_N", "Kraft", "N"),
         ("samples_N", "samples_N", ""),
         ("Time / s", "Time", "s"), ("Speed / rad/s", "Speed", "rad/s"), ("Position/deg", "Position", "deg"),

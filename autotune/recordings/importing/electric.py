@@ -44,11 +44,12 @@ def electric(target: str, index: int, source: Source, unit: Unit | None, wishes:
     letter, constant = ("A", "0.12") if kind == "current" else ("V", "35.15")
     if wishes.torque_unit == letter:
         return None
+    scale = f"*{unit.text}" if unit is not None and unit.factor != 1.0 else ""
     sentence = (
-        f"{column} is a {kind}, not a torque: say '{target}={called}*{constant}' for {constant} N m (or N) "
+        f"{column} is a {kind}, not a torque: say '{target}={called}*{constant}{scale}' for {constant} N m (or N) "
         f"in each {letter}, or work in {letter} with --torque-unit {letter}"
     )
-    return Doubt(target, sentence, f"{called}*CONSTANT")
+    return Doubt(target, sentence, f"{called}*CONSTANT{scale}")
 
 
 def a_current(source: Source, guesses: list[Guess], wishes: Wishes) -> list[Doubt]:

@@ -135,6 +135,12 @@ _OF_FORCE = re.compile("force|kraft|thrust|schub")
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(<{]\s*(?P<unit>[^\])>}]*)\s*[\])>}]\s*$")
 _WORDED = re.compile(r"^(?P<name>.*\S)\s*[,/]\s*(?P<unit>\S+)$")
 _SUFFIXED = re.compile(r"^(?P<name>.*[^_\s])[_\s](?P<unit>[^_\s]+)$")
+_RATE = re.compile(
+    r"^(?P<name>.*[^_\s])[_\s](?P<of>(?!per[_\s])[^_\s]+)[_\s](?:per[_\s])?(?P<time>s|sec|sek|min)$",
+    re.IGNORECASE,
+)
+"""A speed's unit written in words, as no slash may stand in a name: `vel_deg_s`, `dq_rad_per_s`."""
+_SPEEDS = ("angular speed", "linear speed", "count rate")
 
 
 def find_unit(text: str, wanted: str = "") -> Unit | None:
@@ -156,11 +162,16 @@ def _is_suffix(unit: str, name: str) -> bool:
 
 
 def split_unit(header: str) -> tuple[str, str]:
-    """Name and unit text of a header such as `Position [deg]`, `pos_deg`, `Torque in Nm`."""
+    """Name and unit text of a header such as `Position [deg]`, `pos_deg`, `vel_deg_s`, `Torque in Nm`."""
     bare = header.strip()
     found = _BRACKETS.match(bare)
     if found and found["name"].strip():
         return found["name"].strip(), found["unit"].strip()
+    found = _RATE.match(bare)
+    rate = f"{found['of']}/{found['time'].lower()}" if found else ""
+    unit = find_unit(rate)
+    if found and unit is not None and unit.kind in _SPEEDS:
+        return found["name"], rate
     found = _SUFFIXED.match(bare)
     if found and _is_suffix(found["unit"], found["name"]) and not (found["unit"] == "m" and "_m" in bare):
         return re.sub(r"(\s+in|\s*[,/])$", "", found["name"]), found["unit"]
