@@ -59,6 +59,7 @@ from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE
 from autotune.models.reversal_memory import REVERSAL_MEMORY, contact, stands_alone
 from autotune.models.spring import SPRING as PULL
 from autotune.models.table import EFFECTS, usual_rivals
+from autotune.models.thermal_drift import WARMS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
 from autotune.signals.missing_codes import Gap
 
@@ -435,7 +436,9 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     facts = replace(facts, overlooked=evidence.overlooked(problem, root, found.first))
     if found.cut_short and not facts.plainly:  # nothing of what is asked below changes the verdict
         return facts
-    facts = replace(facts, breathing=breathing_friction(problem, final) if evidence.repeats else None)
+    # beside friction that warms, what is left of its slow course is no preload that something moves
+    slow = evidence.repeats and not final.fitted.packed.on[WARMS]
+    facts = replace(facts, breathing=breathing_friction(problem, final) if slow else None)
     left = _something_left(facts, found.sliding or problem)
     left = left or (chosen is None and _of_place(problem, root))
     climbing = found.sliding is not None and not left and _something_left(facts, problem)

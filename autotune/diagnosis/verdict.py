@@ -283,7 +283,7 @@ def _unknown(facts: Facts) -> str:
     if facts.drowned:
         return DROWNED
     known = (facts.coordinate, facts.generic, facts.chosen, facts.tried)
-    text = unknown_note(facts.problem, facts.evidence, *known)
+    text = unknown_note(facts.problem, facts.evidence, *known, nearly=facts.overlooked is not None)
     if facts.chosen is not None or facts.overlooked is None:
         return text
     return f"{text} {nearest(facts.problem, facts.evidence, facts.root, facts.overlooked, facts.tried).capitalize()}"

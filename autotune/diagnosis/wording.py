@@ -487,15 +487,19 @@ def unknown_note(
     gain: float,
     chosen: FittedCandidate | None,
     tried: Sequence[FittedCandidate],
+    nearly: bool = False,
 ) -> str:
-    """What is known about what is unknown: where it sits, and what explains a part, each of them by itself."""
+    """What is known about what is unknown: where it sits, and what explains a part, each of them by itself.
+
+    `nearly`: whether a known effect may be all of it, and was not taken.
+    """
     policy = problem.policy
     part = chosen if chosen is not None and chosen.share >= policy.partly else None
     found, least = (part.model_fit.effects, policy.partly) if part is not None else ((), WORTH_TELLING)
     near = [item for item in tried if item.effect not in found and item.share >= least]
     text = f"Something {'repeatable ' if evidence.repeats else ''}is missing"
     known = "known effects" if problem.twin else LOOKED_FOR
-    if part is not None or any(item.training.share >= policy.named for item in tried):
+    if nearly or part is not None or any(item.training.share >= policy.named for item in tried):
         text += " that no known effect explains beyond doubt"
     else:
         text += f" that none of the {known} explains" + " alone" * bool(near)

@@ -102,6 +102,12 @@ def test_a_start_that_was_given_up_too_soon_is_looked_for_after_all(
     (left,) = _short_fits(problem, root, nominal, EFFECTS[EFFECT], needed=0.99)
     assert len(asked) == 3
     assert len(left.fitted.free) == len(root.free)
+    monkeypatch.setattr(screening, "gain_and_z", lambda *_: (0.995, 3.0))
+    (gains,) = _short_fits(problem, root, nominal, EFFECTS[EFFECT], needed=0.99)
+    assert asked[3:] == [0.99, 0.0], (
+        "it gains on unseen experiments by what is needed, however little it falls"
+    )
+    assert len(gains.fitted.free) > len(root.free)
 
 
 @pytest.mark.slow(5)
@@ -161,8 +167,8 @@ def test_of_fits_from_elsewhere_the_one_that_explains_more_of_what_comes_again_i
         gain: float = 0.5
         effect: str = EFFECT
 
-    fitted = SimpleNamespace(packed=None, cost=1.0)
-    chosen = Found(SimpleNamespace(fitted=fitted, free=(), effects=(EFFECT,)), SimpleNamespace(share=0.9))
+    fitted, free = SimpleNamespace(packed=None, cost=1.0), (Free("load", min(BETWEEN), 0.0, 1.0, 0.1),)
+    chosen = Found(SimpleNamespace(fitted=fitted, free=free, effects=(EFFECT,)), SimpleNamespace(share=0.9))
     other = SimpleNamespace(fitted=SimpleNamespace(packed=None, cost=cost))
     monkeypatch.setattr(transmission, "scattered", lambda *_: [None])
     monkeypatch.setattr(transmission, "fit_inside_twin", lambda *_: other)
@@ -172,6 +178,10 @@ def test_of_fits_from_elsewhere_the_one_that_explains_more_of_what_comes_again_i
     led = transmission.masses_scattered(problem, None, chosen, no_progress)
     assert (led.model_fit is other) is taken
     assert taken or led is chosen
+    nothing_free = Found(
+        SimpleNamespace(fitted=fitted, free=(), effects=(EFFECT,)), SimpleNamespace(share=0.9)
+    )
+    assert transmission.masses_scattered(problem, None, nothing_free, no_progress) is nothing_free
 
 
 @pytest.mark.slow(5)
