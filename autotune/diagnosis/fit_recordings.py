@@ -47,6 +47,9 @@ LARGE_PART = (
     "the model leaves {percent:.0f} % of the torque (rms) unexplained: what it lacks is in its numbers; "
     "'autotune model diagnose' tells what is missing"
 )
+HIDDEN = "or what the model lacks hides them, as it leaves {percent:.0f} % of the torque (rms): {how}"
+HIDDEN_FROM = 0.1
+"""Of the torque (rms): a model that leaves less has what its motion shows."""
 
 Progress = Callable[[str], None]
 USUAL_ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
@@ -349,6 +352,8 @@ def _with_error(result: FitResult, compared: Compared | None) -> FitResult:
         estimate = replace(estimate, valid=estimate.valid and known, reason=reason)
     elif estimate.valid and (left := _missing(compared)):
         estimate = replace(estimate, reason="; ".join(filter(None, (estimate.reason, left))))
+    if hidden := _hidden(estimate, compared):
+        estimate = replace(estimate, reason=f"{estimate.reason}; {hidden}")
     return replace(
         result,
         estimate=estimate,
@@ -360,11 +365,28 @@ def _with_error(result: FitResult, compared: Compared | None) -> FitResult:
 
 def _missing(compared: Compared) -> str:
     """Said of a model that leaves so much that its numbers stand for something else; "" where it is noise."""
-    share = compared.relative_error**2
-    noise = compared.noise_floor_rms / compared.error_rms if compared.error_rms > 0.0 else math.nan
-    if share <= MOST_UNEXPLAINED or noise**2 > 0.5:
+    if compared.relative_error**2 <= MOST_UNEXPLAINED or _is_noise(compared):
         return ""
     return LARGE_PART.format(percent=100.0 * compared.relative_error)
+
+
+def _hidden(estimate: Estimate, compared: Compared) -> str:
+    """Said beside the motion that would show a parameter, where what the model lacks may be what hides it; "" else."""
+    unknown = any(not quantity.identified for quantity in estimate.parameters.values())
+    if not (unknown and estimate.reason) or compared.relative_error <= HIDDEN_FROM or _is_noise(compared):
+        return ""
+    how = (
+        "'autotune model diagnose' tells what is missing"
+        if estimate.valid
+        else "take in what is known with --effects"
+    )
+    return HIDDEN.format(percent=100.0 * compared.relative_error, how=how)
+
+
+def _is_noise(compared: Compared) -> bool:
+    """Whether most of what a model leaves is noise, by what repeats do not share."""
+    noise = compared.noise_floor_rms / compared.error_rms if compared.error_rms > 0.0 else math.nan
+    return noise**2 > 0.5
 
 
 def compared_or_none(recordings: Sequence[Recording], model: DriveModel) -> Compared | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis import fit_recordings
 from autotune.diagnosis.fit_result import FitResult
-from autotune.identify.estimate import Estimate
+from autotune.identify.estimate import Estimate, Quantity
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.recordings.recording import Recording
 from tests.support.arm import COULOMB, INERTIA, arm
@@ -120,3 +121,27 @@ def test_where_that_fails_too_the_programme_says_what_it_needs(monkeypatch: pyte
     found = fit_recordings.fit_recordings([_by_chance()])
     assert not found.valid
     assert "there is no experiment 'steady_state'" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("left", "noise", "identified", "valid", "said"),
+    [
+        (0.13, 0.05, False, True, "'autotune model diagnose' tells what is missing"),
+        (0.35, float("nan"), False, False, "take in what is known with --effects"),
+        (0.13, 0.12, False, True, ""),
+        (0.05, 0.01, False, True, ""),
+        (0.13, 0.05, True, True, ""),
+    ],
+    ids=["hidden", "not valid, played once", "noise", "hardly anything is left", "all is known"],
+)
+def test_what_is_not_identified_may_be_hidden_by_what_the_model_lacks(
+    left: float, noise: float, identified: bool, valid: bool, said: str
+) -> None:
+    """ "Move faster, over a wide range of speeds" of a file that has them all: a tight place and a saturation hid it."""
+    known = {"viscous": Quantity(1e-3, 1e-2, math.nan, identified, "")}
+    estimate = Estimate("joint", known, valid, "" if identified else "viscous not identified", left, ())
+    found: Any = SimpleNamespace(relative_error=left, error_rms=left, noise_floor_rms=noise)
+    told = fit_recordings._hidden(estimate, found)
+    assert bool(told) is bool(said)
+    assert said in told
+    assert not told or f"{100 * left:.0f} % of the torque" in told
