@@ -137,7 +137,7 @@ def test_where_that_fails_too_the_programme_says_what_it_needs(monkeypatch: pyte
 def test_what_is_not_identified_may_be_hidden_by_what_the_model_lacks(
     left: float, noise: float, identified: bool, valid: bool, said: str
 ) -> None:
-    """ "Move faster, over a wide range of speeds" of a file that has them all: a tight place and a saturation hid it."""
+    """A file that had all its speeds was to "move faster": a tight place and a saturation hid its friction."""
     known = {"viscous": Quantity(1e-3, 1e-2, math.nan, identified, "")}
     estimate = Estimate("joint", known, valid, "" if identified else "viscous not identified", left, ())
     found: Any = SimpleNamespace(relative_error=left, error_rms=left, noise_floor_rms=noise)
