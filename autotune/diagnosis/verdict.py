@@ -372,6 +372,22 @@ def _noise_or_not(facts: Facts) -> str:
     )
 
 
+def _as_well(facts: Facts) -> str:
+    """Of rivals that by their own law leave clearly more: how many times as much; that alone speaks against none."""
+    problem, chosen = facts.problem, facts.chosen
+    if chosen is None:
+        return ""
+    left, said = error_left(problem, chosen.model_fit), []
+    for one in facts.tried:
+        times = math.sqrt(error_left(problem, one.model_fit) / max(left, 1e-300))
+        if one.effect in facts.rivals and times**2 * problem.policy.clearly_less > 1.0:
+            name = one.effect.replace("_", " ").capitalize()
+            said.append(
+                f"{name} leaves {times:.1f} times as much by its own law, and may do as well by another."
+            )
+    return " ".join(said)
+
+
 def _alike(facts: Facts) -> bool:
     return bool(facts.rivals) and (facts.accepted or facts.law_differs)
 
@@ -384,7 +400,7 @@ CASES: tuple[Case, ...] = (
     Case("it stands for something else", lambda f: bool(f.unlike) and f.edge, UNKNOWN, _contrary),
     Case("its parts are not in its law's proportion", lambda f: f.proportion is not None, UNKNOWN, _stranger),
     Case("its torque does not hold at rest", lambda f: f.relaxed is not None, UNKNOWN, _relaxes),
-    Case("other effects do as well", _alike, AMBIGUOUS, lambda f: ""),
+    Case("other effects do as well", _alike, AMBIGUOUS, _as_well),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
     Case(

@@ -24,7 +24,7 @@ from autotune.diagnosis.starts import varying
 from autotune.diagnosis.verdict import CASES, _as_chosen, _doubts
 from autotune.diagnosis.wording import PLAYED_ONCE, rms_unexplained
 from autotune.estimation.cross_validation import Explained, Unseen
-from autotune.estimation.data import Clocked
+from autotune.estimation.data import TRAINING, Clocked
 from autotune.estimation.policy import POLICY
 from autotune.models import layout
 from autotune.models.drive_model import base_model
@@ -78,6 +78,21 @@ def test_a_stranger_is_described_and_not_named() -> None:
     assert "inertia that changes with the place" in text
     untold = case.sentence(SimpleNamespace(proportion=OtherProportion("encoder_eccentricity", 1.0, math.inf)))
     assert "nothing is named" in untold
+
+
+def test_how_much_a_rival_leaves_by_its_own_law_is_said() -> None:
+    """Of arms a spring was told as what may stand for the weight, beside a plain one that leaves far more."""
+    case = next(case for case in CASES if case.name == "other effects do as well")
+
+    def fit(effect: str, left: float) -> SimpleNamespace:
+        fitted = SimpleNamespace(error={TRAINING: left})
+        return SimpleNamespace(effect=effect, model_fit=SimpleNamespace(fitted=fitted))
+
+    problem = SimpleNamespace(policy=POLICY, has=lambda _: False, mean_square=lambda error, role: error[role])
+    tried = [fit("spring", 4.0), fit("torque_ripple", 1.1), fit("stribeck", 9.0)]
+    told = {"problem": problem, "tried": tried, "rivals": ("spring", "torque_ripple")}
+    said = case.sentence(SimpleNamespace(chosen=fit("gravity_imbalance", 1.0), **told))
+    assert said == "Spring leaves 2.0 times as much by its own law, and may do as well by another."
 
 
 def test_what_another_law_of_presliding_leaves_is_said() -> None:
