@@ -47,9 +47,9 @@ LARGE_PART = (
     "the model leaves {percent:.0f} % of the torque (rms) unexplained: what it lacks is in its numbers; "
     "'autotune model diagnose' tells what is missing"
 )
-HIDDEN = "or what the model lacks hides them, as it leaves {percent:.0f} % of the torque (rms): {how}"
+HIDDEN = "or what the model leaves hides them, {percent:.0f} % of the torque (rms): {how}"
 HIDDEN_FROM = 0.1
-"""Of the torque (rms): a model that leaves less has what its motion shows."""
+"""Of the torque (rms): less of it hides nothing that the motion would show."""
 
 Progress = Callable[[str], None]
 USUAL_ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
@@ -371,12 +371,12 @@ def _missing(compared: Compared) -> str:
 
 
 def _hidden(estimate: Estimate, compared: Compared) -> str:
-    """Said beside the motion that would show a parameter, where what the model lacks may be what hides it; "" else."""
+    """Said beside the motion that would show a parameter, where what the model leaves may hide it; "" else."""
     unknown = any(not quantity.identified for quantity in estimate.parameters.values())
     if not (unknown and estimate.reason) or compared.relative_error <= HIDDEN_FROM or _is_noise(compared):
         return ""
     how = (
-        "'autotune model diagnose' tells what is missing"
+        "'autotune model diagnose' tells whether something is missing"
         if estimate.valid
         else "take in what is known with --effects"
     )

@@ -381,7 +381,7 @@ def why(
     gate = evidence.stopped_by(problem, root, item)
     if gate:
         return f"{gain}; {gate}"
-    return f"{gain}, {'less than others' if fits or effects else 'too little to be fitted inside the twin'}"
+    return f"{gain}, {'less than others' if fits or effects else 'too little to be followed'}"
 
 
 def rms_unexplained(problem: Problem, root: ModelFit, rows: Flags | None = None) -> float:

@@ -575,9 +575,7 @@ def with_torque_limit(recordings: Sequence[Recording], data: Prepared, policy: P
     after = find_controller(limited, policy)
     if not after.usable or (before.usable and not _of_all_rows(after)):
         return recordings
-    if 1.0 - after.explained > LEFT_BY_A_LIMIT * (
-        1.0 - before.explained
-    ):  # what is out of the way was in none
+    if 1.0 - after.explained > LEFT_BY_A_LIMIT * (1.0 - before.explained):
         return recordings
     unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
     said = TORQUE_LIMITED.format(limit, unit=unit)

@@ -126,7 +126,7 @@ def test_where_that_fails_too_the_programme_says_what_it_needs(monkeypatch: pyte
 @pytest.mark.parametrize(
     ("left", "noise", "identified", "valid", "said"),
     [
-        (0.13, 0.05, False, True, "'autotune model diagnose' tells what is missing"),
+        (0.13, 0.05, False, True, "'autotune model diagnose' tells whether something is missing"),
         (0.35, float("nan"), False, False, "take in what is known with --effects"),
         (0.13, 0.12, False, True, ""),
         (0.05, 0.01, False, True, ""),
@@ -134,7 +134,7 @@ def test_where_that_fails_too_the_programme_says_what_it_needs(monkeypatch: pyte
     ],
     ids=["hidden", "not valid, played once", "noise", "hardly anything is left", "all is known"],
 )
-def test_what_is_not_identified_may_be_hidden_by_what_the_model_lacks(
+def test_what_is_not_identified_may_be_hidden_by_what_the_model_leaves(
     left: float, noise: float, identified: bool, valid: bool, said: str
 ) -> None:
     """A file that had all its speeds was to "move faster": a tight place and a saturation hid its friction."""

@@ -35,7 +35,7 @@ REPEAT = "repeat"
 _FEW = 6
 WHOLE = {"current": "A", "voltage": "V"}
 MOST_A_UNIT = 100.0
-"""Torque or force of each ampere or volt, more than a motor makes behind its gear; a screw that does is told so."""
+"""Torque or force of each ampere or volt: more than a motor makes behind its gear. A screw may, and is asked about."""
 _WANTED = ("reference", "torque_command", "torque_feedforward")
 _NEEDED = ("time", "position", "torque")
 _LINEAR = frozenset({"length", "linear speed", "force"})
