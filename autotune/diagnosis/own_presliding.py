@@ -56,9 +56,8 @@ def beside_own_presliding(state: SearchState, found: Found) -> Found:
     if len(others) == 1 and beside is not None:  # those by themselves lack the elements
         single |= {item.effect: item for item in alike}
     first, (chosen_then, further) = state.first, state.further
-    if (
-        chosen_then == (MEMORY,) and not others
-    ):  # beside elements, by whatever name: those of before lack them
+    if chosen_then == (MEMORY,) and not others:
+        # what was looked at beside elements, by whatever name, has them; what was looked at before lacks them
         first, single = further, {}
     found = replace(
         found,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from autotune.core.errors import a_few
 from autotune.recordings.importing.asking import Doubt
+from autotune.recordings.importing.factor import Assignment
 from autotune.recordings.importing.options import Wishes
 from autotune.recordings.importing.recognise import COMMAND, Guess, guess, words_of
 from autotune.recordings.importing.source import Source
@@ -11,6 +12,11 @@ from autotune.recordings.importing.units import Unit
 
 _QUANTITY_OF = {"A": "current", "V": "voltage"}
 """What `--torque-unit` takes for a torque."""
+_LETTER_OF = {quantity: letter for letter, quantity in _QUANTITY_OF.items()}
+_CONSTANT = {"A": "0.12", "V": "35.15"}
+"""What stands in examples."""
+MOST_A_UNIT = 100.0
+"""Torque or force of each ampere or volt: more than a motor makes behind its gear. A screw may, and is asked about."""
 _TORQUES = ("torque", "torque_command")
 
 
@@ -39,17 +45,33 @@ def electric(target: str, index: int, source: Source, unit: Unit | None, wishes:
             f"{column} is a share of the rated torque: say '{target}={called}*0.5*{share:g}' for 0.5 N m"
         )
         return Doubt(target, sentence, f"{called}*RATED*{share:g}")
-    if kind not in ("current", "voltage"):
+    letter = _LETTER_OF.get(kind)
+    if letter is None or wishes.torque_unit == letter:
         return None
-    letter, constant = ("A", "0.12") if kind == "current" else ("V", "35.15")
-    if wishes.torque_unit == letter:
-        return None
+    constant = _CONSTANT[letter]
     scale = f"*{unit.text}" if unit is not None and unit.factor != 1.0 else ""
     sentence = (
         f"{column} is a {kind}, not a torque: say '{target}={called}*{constant}{scale}' for {constant} N m (or N) "
         f"in each {letter}, or work in {letter} with --torque-unit {letter}"
     )
     return Doubt(target, sentence, f"{called}*CONSTANT{scale}")
+
+
+def too_large(item: Assignment, source: Source, unit: Unit | None) -> Doubt | None:
+    """Asks whether a constant is for each ampere or each milliampere, where it would be too large for any motor."""
+    letter = _LETTER_OF.get(unit.kind) if unit is not None else None
+    if unit is None or letter is None or unit.factor == 1.0 or item.factor is None:
+        return None
+    if f"*{unit.text}" in item.written or abs(item.factor) <= MOST_A_UNIT * unit.factor:
+        return None
+    called, of_each = source.called(item.index), item.factor / unit.factor
+    right = f"{called}*{item.factor:g}*{unit.text}"
+    sentence = (
+        f"--column '{item.target}={item.written}' makes {of_each:g} of each {letter}: write '{item.target}={right}' if "
+        f"{item.factor:g} is for each {letter}, or '{item.target}={called}*{of_each:g}*{unit.text}' if it is for each "
+        f"{unit.text}"
+    )
+    return Doubt(item.target, sentence, right)
 
 
 def a_current(source: Source, guesses: list[Guess], wishes: Wishes) -> list[Doubt]:

@@ -11,7 +11,7 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError, a_few
 from autotune.recordings.importing.asking import Doubt
 from autotune.recordings.importing.clock import LEAST_ROWS
-from autotune.recordings.importing.electric import electric, taken_as_torque
+from autotune.recordings.importing.electric import electric, taken_as_torque, too_large
 from autotune.recordings.importing.factor import Assignment
 from autotune.recordings.importing.missing import missing, overlooked
 from autotune.recordings.importing.options import Wishes
@@ -33,9 +33,6 @@ SECONDS_AT_MOST = 0.05
 """A clock without a unit is taken in seconds only if its step is below this."""
 REPEAT = "repeat"
 _FEW = 6
-WHOLE = {"current": "A", "voltage": "V"}
-MOST_A_UNIT = 100.0
-"""Torque or force of each ampere or volt: more than a motor makes behind its gear. A screw may, and is asked about."""
 _WANTED = ("reference", "torque_command", "torque_feedforward")
 _NEEDED = ("time", "position", "torque")
 _LINEAR = frozenset({"length", "linear speed", "force"})
@@ -200,25 +197,9 @@ def _assigned(item: Assignment, source: Source, wishes: Wishes) -> Choice | Doub
             f"'{item.target}={right}' or the whole factor to SI"
         )
         return Doubt(item.target, sentence, right)
-    return _each_of_which(item, source, unit) or Choice(
+    return too_large(item, source, unit) or Choice(
         item.target, item.index, item.factor, "--column", None, True
     )
-
-
-def _each_of_which(item: Assignment, source: Source, unit: Unit | None) -> Doubt | None:
-    """Whether a constant is for each ampere or each milliampere, where it would be too large for any motor."""
-    if unit is None or unit.kind not in WHOLE or unit.factor == 1.0 or item.factor is None:
-        return None
-    if f"*{unit.text}" in item.written or abs(item.factor) <= MOST_A_UNIT * unit.factor:
-        return None
-    whole, called = WHOLE[unit.kind], source.called(item.index)
-    right = f"{called}*{item.factor:g}*{unit.text}"
-    sentence = (
-        f"--column '{item.target}={item.written}' makes {item.factor / unit.factor:g} of each {whole}: write "
-        f"'{item.target}={right}' if {item.factor:g} is for each {whole}, or "
-        f"'{item.target}={called}*{item.factor / unit.factor:g}*{unit.text}' if it is for each {unit.text}"
-    )
-    return Doubt(item.target, sentence, right)
 
 
 def _own_repeats(source: Source, rows: int | None, taken: set[int]) -> list[Choice]:
