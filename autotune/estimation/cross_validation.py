@@ -38,9 +38,15 @@ LEAST_SLIDING = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Unseen:
-    """Squared error of predictions of held-out experiments, by chunk of about a second, shape (chunks,)."""
+    """Squared error of predictions of held-out experiments.
+
+    Attributes:
+        chunks: of `CHUNK` rows, shape (chunks,); on a coarse grid several seconds, or an experiment, are one.
+        seconds: of about a second, shape (seconds,); None where the chunks are that.
+    """
 
     chunks: Floats
+    seconds: Floats | None = None
 
     @property
     def total(self) -> float:
@@ -49,7 +55,7 @@ class Unseen:
 
 def held_out(problem: Problem, error: Floats, columns: Floats) -> Unseen:
     """Leave one experiment (or range of phases) out: the rest refits the columns, linearised, and predicts it."""
-    return _by_chunk(_rests_unseen(problem, error, columns, _folds(problem)))
+    return _by_chunk(problem, _rests_unseen(problem, error, columns, _folds(problem)))
 
 
 def there_and_back(problem: Problem, fitted: Fitted) -> Unseen:
@@ -60,7 +66,7 @@ def there_and_back(problem: Problem, fitted: Fitted) -> Unseen:
     onward = problem.data.velocity[problem.data.grid] >= 0.0
     ways = (rows[onward[rows] == way] for rows in _folds(problem) for way in (True, False))
     return _by_chunk(
-        _rests_unseen(problem, fitted.error, fitted.jacobian, (rows for rows in ways if len(rows)))
+        problem, _rests_unseen(problem, fitted.error, fitted.jacobian, (rows for rows in ways if len(rows)))
     )
 
 
@@ -106,12 +112,18 @@ def _folds(problem: Problem) -> Iterator[Integers]:
     return (np.flatnonzero(fitted & (fold == number)) for number in np.unique(fold[fitted]))
 
 
-def _in_chunks(values: NDArray[Any]) -> list[NDArray[Any]]:
-    return np.array_split(values, max(1, len(values) // CHUNK))
+def _in_chunks(values: NDArray[Any], size: int = CHUNK) -> list[NDArray[Any]]:
+    return np.array_split(values, max(1, len(values) // size))
 
 
-def _by_chunk(rests: Iterable[Floats]) -> Unseen:
-    return Unseen(np.array([float(chunk.sum()) for rest in rests for chunk in _in_chunks(rest)]))
+def _by_chunk(problem: Problem, rests: Iterable[Floats]) -> Unseen:
+    kept = list(rests)
+
+    def sums(size: int) -> Floats:
+        return np.array([float(chunk.sum()) for rest in kept for chunk in _in_chunks(rest, size)])
+
+    second = problem.data.second
+    return Unseen(sums(CHUNK), sums(second) if second < CHUNK else None)
 
 
 def _normal(problem: Problem, columns: Floats, rows: Integers | slice) -> Floats:
@@ -149,10 +161,20 @@ LEAST_CHUNKS, NEXT_TO_NOTHING = 3, 0.1
 """Of unseen data, of each of which so little is left that it is no chance."""
 
 
+NO_LOAN = 0.3
+"""Of the error of unseen data: what the law of another effect lends a candidate is less."""
+
+
 def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:
-    """Relative fall of the error on unseen data, and its paired z over chunks."""
+    """Relative fall of the error on unseen data, and its paired z over chunks.
+
+    A small gain may be lent by whatever else is missing, whose error holds for as long as a motion does: chunks are
+    long. Of a large one only noise could make a part, and its seconds are many.
+    """
     fall = before.chunks - after.chunks
     gain = float(fall.sum() / max(before.total, 1e-300))
+    if gain >= NO_LOAN and before.seconds is not None and after.seconds is not None:
+        fall = before.seconds - after.seconds
     spread = float(fall.std(ddof=1)) if len(fall) > 1 else math.inf
     z = float(fall.mean() / max(spread / math.sqrt(len(fall)), 1e-300))
     return gain, z

@@ -27,6 +27,7 @@ from autotune.models import layout
 from autotune.models.table import EFFECTS
 from autotune.recordings.checks import check_recording, torque_of
 from autotune.recordings.recording import CONDITIONING, Metadata, Recording, Segment, refuse_mixture
+from autotune.signals.chunks import CHUNK
 from autotune.signals.filters import motion
 from autotune.signals.late_rows import in_time
 from autotune.signals.missing_codes import Gap, missing_codes
@@ -38,6 +39,7 @@ CUTOFF = 60.0  # Hz, of everything that is compared
 FASTEST = 0.09
 """Of the sampling rate: faster motion cannot be had from central differences."""
 GRID = 200.0  # Hz
+LEAST_CHUNK = 20  # grid rows
 STANDSTILL_COUNTS = 2.1
 STANDSTILL_SECONDS = 0.01
 CHUNK_SECONDS = 2.0
@@ -240,6 +242,14 @@ class Prepared:
     def cutoff(self) -> float:
         """Frequency below which torques are compared [Hz]."""
         return 0.9 / (self.period * max(len(self.taps) // 2, 1))
+
+    @property
+    def second(self) -> int:
+        """Grid rows of about a second, at most `CHUNK`: a coarse grid has fewer in it."""
+        if self.steady or len(self.grid) < 2:
+            return CHUNK
+        step = float(np.median(np.diff(self.grid))) * self.period
+        return min(max(round(self.pace / step), LEAST_CHUNK), CHUNK)
 
     def role(self, *roles: str) -> Flags:
         """Grid rows of blocks with one of these roles, shape (m,)."""
