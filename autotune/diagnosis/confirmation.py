@@ -207,7 +207,7 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
     Recordings on which that one lowers no error say nothing of it, and of its rivals only that they raise it more: a
     torque that comes from elsewhere hides there what is looked for, and what is fitted least harms least. Nor do they
     tell a wave over a part of its turn from a spring: what errs there is the spring's own straight line, and one that
-    hardens, or is met on the way, is as smooth a course.
+    hardens, or is met on the way, is as smooth a course. The spring stays a rival then, but does not lead.
     """
     chosen = found.chosen
     if chosen is None:
@@ -224,16 +224,10 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
     best, least = min(known, key=lambda one: one[1].total)
     policy = found.problem.policy
     shapeless = best.effect in without_own_course(found.problem, best.model_fit)
-    behind = [
-        item
-        for item, error in known
-        if item is not best
-        and _clearly_less(policy, least, error)
-        and not (shapeless and item.effect == SPRING.name)
-    ]
-    worse = {item.effect for item in behind}
-    if best is not chosen and chosen.effect not in worse:  # better by chance
+    behind = [item for item, error in known if item is not best and _clearly_less(policy, least, error)]
+    if best is not chosen and chosen not in behind:  # better by chance
         return found
+    worse = {item.effect for item in behind if not (shapeless and item.effect == SPRING.name)}
     lost = {effect for item in behind for effect in set(best.model_fit.effects) - set(item.model_fit.effects)}
     seen = [_held_out(found.problem, found.root, best.model_fit, effect, others) for effect in sorted(lost)]
     if not all(result is not None and result.lowers for result in seen):

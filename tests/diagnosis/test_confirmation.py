@@ -175,6 +175,8 @@ def test_another_recording_tells_no_wave_over_a_part_of_its_turn_from_a_spring(
     monkeypatch.setattr(confirmation, "without_own_course", lambda _, one: [*one.effects])
     there = _leaves(plain=1.0, spring=0.6, gravity_imbalance=0.3)
     assert told_apart(found, ("spring", "gravity_imbalance"), [there]).told_apart == ()
+    leads = told_apart(_found(spring, (spring, imbalance)), ("spring", "gravity_imbalance"), [there])
+    assert (leads.chosen, leads.told_apart) == (imbalance, ())  # an arm's joint, headed by its spring
 
 
 @pytest.mark.parametrize("spring_there", [0.999, 1.1])
