@@ -109,13 +109,14 @@ def best_shift(
     upsampling: int = 1,
     step: float = 0.1,
     farthest: float = LATEST,
+    soonest: float = EARLIEST,
 ) -> tuple[float, float]:
     """The nearest minimum of a cost over the shift, in steps of `step` half samples, and its cost there.
 
-    `upsampling`: rows for each sample of the file; `farthest`: half samples of it by which it may be moved, or a
-    sample beyond where it is already.
+    `upsampling`: rows for each sample of the file; `farthest`, `soonest`: half samples of it by which it may be moved,
+    or a sample beyond where it is already.
     """
-    earliest, latest = upsampling * EARLIEST, upsampling * farthest
+    earliest, latest = upsampling * soonest, upsampling * farthest
     if start > latest:
         latest = start + upsampling * ACAUSAL
     earliest = min(earliest, start)
@@ -256,7 +257,7 @@ def _aligned_best(data: Prepared) -> tuple[float, float]:
     """Shift at which inertia and friction explain the torque best, and what they leave of it.
 
     None where they are no axis's there, and beyond the usual range only where they explain nearly all: what else is
-    missing may draw it anywhere.
+    missing may draw it anywhere. A torque that a bus or a buffer holds back acts many samples after it was recorded.
     """
     rows = away_from_reversals(data)
     known: dict[float, float] = {}
@@ -269,10 +270,11 @@ def _aligned_best(data: Prepared) -> tuple[float, float]:
     shift, left = best_shift(cost, 0.0, data.upsampling)
     if not drives(shifted(data, shift), rows):
         return 0.0, cost(0.0)
-    if shift < data.upsampling * LATEST:
+    if data.upsampling * EARLIEST < shift < data.upsampling * LATEST:
         return shift, left
-    far, least = best_shift(cost, shift, data.upsampling, farthest=FARTHEST)
-    return (far, least) if least <= min(LARGE, CLEARLY * cost(0.0)) else (shift, left)
+    far, least = best_shift(cost, shift, data.upsampling, farthest=FARTHEST, soonest=-FARTHEST)
+    plainly = least <= min(LARGE, CLEARLY * cost(0.0)) and drives(shifted(data, far), rows)
+    return (far, least) if plainly else (shift, left)
 
 
 def acts_after(data: Prepared) -> float:
@@ -300,7 +302,8 @@ def plainly_apart(data: Prepared) -> bool:
     They leave little there, too. A few parts of a sample may be friction's: its bristle bends as a delay does. Where it
     would be moved farther still, as in a swing of one frequency, nothing tells where it belongs.
     """
-    if not data.upsampling * EARLIEST < data.shift < data.upsampling * FARTHEST:
+    at_bound = data.shift == data.upsampling * EARLIEST
+    if at_bound or not abs(data.shift) < data.upsampling * FARTHEST:
         return False
     here = misfit_here(data)
     return here <= min(LARGE, POLICY.clearly_less * misfit_here(shifted(data, 0.0)))
@@ -409,6 +412,8 @@ SAMPLES = (2.0, 4.0, 8.0, 16.0)
 """Time constants tried, of the file."""
 CLEARLY = 0.4
 """Of the misfit: less must be left."""
+NO_TIE = 0.95
+"""Of the misfit of a torque that is moved far: what is left with a filter beside a shift, which is another parameter."""
 LARGE = 0.1
 """Of the torque: where more is left, something else is missing that a filter could imitate. (Counts of an encoder that
 are a part of the acceleration, and seem to need torque, it swallows too.)"""
@@ -495,7 +500,7 @@ def low_passed(data: Prepared) -> tuple[str, float] | None:
     here = _misfit(data)
     if here > LARGE or data.coarse:
         return None
-    far = data.shift > data.upsampling * LATEST
+    far = not data.upsampling * EARLIEST <= data.shift <= data.upsampling * LATEST
     near = shifted(data, 0.0) if far else data
     plain = _misfit(near) if far else here
     trials: list[tuple[float, str, float]] = []
@@ -503,7 +508,7 @@ def low_passed(data: Prepared) -> tuple[str, float] | None:
         trials.append((_misfit(_motion_through(data, samples)), "torque", samples))
         trials.append((_misfit(_torque_through(data, samples)), "position", samples))
     misfit, column, samples = min(trials)
-    clearly = misfit <= CLEARLY * plain and (not far or misfit < here)
+    clearly = misfit <= CLEARLY * plain and (not far or misfit < NO_TIE * here)
     if not clearly:
         return None
     alike = (_motion_through if column == "torque" else _torque_through)(data, samples)

@@ -114,6 +114,17 @@ def test_a_filtered_column_is_recognised_and_met(column: str) -> None:
     assert not untouched.filtered
 
 
+@pytest.mark.parametrize("samples", [6, 9, 14])
+def test_a_dead_time_of_many_samples_is_no_filter_of_the_position(samples: int) -> None:
+    """A motor behind 9 ms of a bus was told that its encoder was low-passed by 8 ms, and had 8 % more inertia."""
+    recording = _recording("quick", seconds=12.0)
+    data = prepared_for([_with(recording, torque=np.roll(recording["torque"], -samples))])
+    met, said = compensated(data)
+    assert said is None
+    assert not met.filtered
+    assert -0.5 * met.shift == pytest.approx(samples, abs=0.6)  # of half a sample, as columns are read
+
+
 def test_rests_and_reversals_below_the_encoder_are_left_out() -> None:
     moving = _recording(seconds=10.0)
     rest = np.full(4000, moving["position"][-1])
