@@ -413,7 +413,7 @@ SAMPLES = (2.0, 4.0, 8.0, 16.0)
 CLEARLY = 0.4
 """Of the misfit: less must be left."""
 NO_TIE = 0.95
-"""Of the misfit of a torque that is moved far: what is left with a filter beside a shift, which is another parameter."""
+"""Of the misfit of a torque that is moved far: what is left with a filter beside a shift, one parameter more."""
 LARGE = 0.1
 """Of the torque: where more is left, something else is missing that a filter could imitate. (Counts of an encoder that
 are a part of the acceleration, and seem to need torque, it swallows too.)"""
