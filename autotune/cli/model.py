@@ -9,7 +9,7 @@ import typer
 
 from autotune.cli.one_bar import one_bar
 from autotune.cli.output import answer, answer_json, say
-from autotune.core.errors import ConfigurationError
+from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 
 if TYPE_CHECKING:
     from autotune.diagnosis.fit_result import FitResult
@@ -121,7 +121,12 @@ def compare(
 @model.command()
 def diagnose(
     recordings: Recordings,
-    model_file: ModelFile,
+    model_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", metavar="MODEL.toml", help="The model; without one the base model is fitted first."
+        ),
+    ] = None,
     as_json: Json = False,
     html: Html = None,
     rrd: Rrd = None,
@@ -147,9 +152,12 @@ def diagnose(
         _check_folder(path)
     if apply is not None:
         _check_output(apply)
-    known = read_model(model_file)
+    known = None if model_file is None else read_model(model_file)
     read = _read(recordings)
-    take_laws(model_file, read)
+    if known is None or model_file is None:
+        known = _base_of(read)
+    else:
+        take_laws(model_file, read)
     with one_bar("diagnose", DIAGNOSE_STEPS, _rows(read)) as step:
         result = autotune.diagnose(read, known, at_most=at_most, progress=step)
     if html is not None:
@@ -330,6 +338,21 @@ def _read(paths: list[Path]) -> list[Recording]:
     for remark in (remark for one in read for remark in one.metadata.remarks):
         say(remark)
     return read
+
+
+def _base_of(read: list[Recording]) -> DriveModel:
+    """The base model, fitted to the recordings, valid or not: what they lack may be what hides its parameters.
+
+    Raises:
+        NotEnoughExcitation: nothing can be fitted to them.
+    """
+    import autotune
+
+    with one_bar("fit", FIT_STEPS, _rows(read)) as step:
+        fitted = autotune.fit(read, progress=step)
+    if fitted.model is None:
+        raise NotEnoughExcitation(fitted.estimate.reason)
+    return fitted.model
 
 
 def _rows(recordings: list[Recording]) -> int:

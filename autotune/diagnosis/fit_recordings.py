@@ -378,7 +378,7 @@ def _hidden(estimate: Estimate, compared: Compared) -> str:
     how = (
         "'autotune model diagnose' tells whether something is missing"
         if estimate.valid
-        else "take in what is known with --effects"
+        else "'autotune model diagnose' without --model tells whether something is missing, --effects takes it in"
     )
     return HIDDEN.format(percent=100.0 * compared.relative_error, how=how)
 

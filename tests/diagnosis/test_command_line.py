@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -50,6 +51,27 @@ def test_fit_writes_a_model_with_uncertainty(files, capsys, tmp_path) -> None:
     assert set(found["parameters"]["inertia"]) == {"value", "standard_error", "unit"}
     assert 0.0 < found["relative_error"] < 0.1
     assert out_file.is_file()
+
+
+def test_without_a_model_the_base_is_fitted_and_diagnosed(files, capsys) -> None:
+    """Where something missing hides the inertia a fit writes no model, and there was none to diagnose."""
+    recording, _ = files
+    code, out, err = _run(capsys, "model", "diagnose", recording, "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert {"verdict", "effects", "candidates"} <= set(found)
+    assert "fit" in err
+
+
+def test_what_no_fit_can_be_made_of_is_told_by_a_diagnosis_without_a_model(
+    files, capsys, monkeypatch
+) -> None:
+    recording, _ = files
+    nothing = SimpleNamespace(model=None, estimate=SimpleNamespace(reason="nothing moves; move the axis"))
+    monkeypatch.setattr("autotune.fit", lambda *_, **__: nothing)
+    code, _, err = _run(capsys, "model", "diagnose", recording)
+    assert code == 3
+    assert "nothing moves; move the axis" in err
 
 
 def test_show_tells_the_story_as_stairs(capsys, tmp_path, nominal) -> None:

@@ -127,7 +127,7 @@ def test_where_that_fails_too_the_programme_says_what_it_needs(monkeypatch: pyte
     ("left", "noise", "identified", "valid", "said"),
     [
         (0.13, 0.05, False, True, "'autotune model diagnose' tells whether something is missing"),
-        (0.35, float("nan"), False, False, "take in what is known with --effects"),
+        (0.35, float("nan"), False, False, "without --model tells whether something is missing"),
         (0.13, 0.12, False, True, ""),
         (0.05, 0.01, False, True, ""),
         (0.13, 0.05, True, True, ""),
