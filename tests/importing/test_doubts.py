@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -484,3 +485,26 @@ def test_a_velocity_that_lacks_a_number_says_nothing_of_its_unit() -> None:
     assert "velocity" in asked(turns_a_minute)
     turns_a_minute[1234] = np.nan
     assert asked(turns_a_minute) == ""
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "motion_unit"),
+    [("deg", 180.0 / np.pi, "rad"), ("turns", 0.5 / np.pi, "rad"), ("mm", 1e3, "m")],
+)
+def test_a_position_in_another_unit_than_its_velocity_is_named(
+    unit: str, factor: float, motion_unit: str
+) -> None:
+    """Degrees beside rad/s: the factor 57.3 that was offered made both wrong, and was taken."""
+    time = 1e-3 * np.arange(4000)
+    columns = {
+        "time": time,
+        "position": factor * np.sin(3.0 * time),
+        "velocity": 3.0 * np.cos(3.0 * time),
+        "torque": 0.1 * np.sign(np.cos(3.0 * time)),
+    }
+    recording = Recording.from_columns(columns, Metadata(sample_period=1e-3, motion_unit=motion_unit), "a")
+    with pytest.raises(RecordingError, match=re.escape(f"'--column position=FIELD*{unit}'")):
+        refuse_other_velocity(recording, "all")
+    known = find_unit(unit)
+    assert known is not None
+    assert known.factor == pytest.approx(1.0 / factor)

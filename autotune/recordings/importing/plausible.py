@@ -32,6 +32,8 @@ _RATIOS = {
     "turns a second": 1.0 / (2.0 * math.pi),
     "mm/s": 1e3,
 }
+_OF_POSITIONS = {"deg": math.pi / 180.0, "turns": 2.0 * math.pi, "mm": 1e-3}
+"""The same of a velocity in rad/s or m/s beside a position in another unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,16 +198,22 @@ def refuse_other_velocity(recording: Recording, where: str) -> None:
         return
     ratio = float(one @ other) / float(one @ one)
     if not 0.7 < ratio < 1.4:
-        raise RecordingError(f"{where}: {_velocity_sentence(ratio)}")
+        raise RecordingError(f"{where}: {_velocity_sentence(ratio, recording.metadata.motion_unit)}")
 
 
-def _velocity_sentence(ratio: float) -> str:
+def _velocity_sentence(ratio: float, motion_unit: str) -> str:
     sign = "-" if ratio < 0 else ""
     unit = next((name for name, value in _RATIOS.items() if 0.9 < abs(ratio) / value < 1.1), "")
     if 0.7 < -ratio < 1.4:
         return (
             "velocity and the derivative of position have opposite signs; turn one of them, for example "
             "'--column velocity=FIELD*-1'"
+        )
+    place = next((name for name, value in _OF_POSITIONS.items() if 0.97 < ratio / value < 1.03), "")
+    if place and (place == "mm") is (motion_unit == "m"):
+        return (
+            f"velocity is {ratio:.4g} times the derivative of position, as if it were in {motion_unit}/s and the position "
+            f"in {place}; give the units of both, for example '--column position=FIELD*{place}'"
         )
     kind = f", as if it were in {unit}" if unit else ""
     return (
