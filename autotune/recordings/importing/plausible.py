@@ -212,8 +212,8 @@ def _velocity_sentence(ratio: float, motion_unit: str) -> str:
     place = next((name for name, value in _OF_POSITIONS.items() if 0.97 < ratio / value < 1.03), "")
     if place and (place == "mm") is (motion_unit == "m"):
         return (
-            f"velocity is {ratio:.4g} times the derivative of position, as if it were in {motion_unit}/s and the position "
-            f"in {place}; give the units of both, for example '--column position=FIELD*{place}'"
+            f"velocity is {ratio:.4g} times the derivative of position, as if it were in {motion_unit}/s and the "
+            f"position in {place}; give the units of both, for example '--column position=FIELD*{place}'"
         )
     kind = f", as if it were in {unit}" if unit else ""
     return (
