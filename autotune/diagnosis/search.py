@@ -17,6 +17,7 @@ from autotune.diagnosis.base_laws import CLIMB_LAW
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
+    ScreenedCandidate,
     explained_of_rest,
 )
 from autotune.diagnosis.contact_laws import EFFECT as MEMORY
@@ -44,6 +45,7 @@ from autotune.diagnosis.refits import (
 from autotune.diagnosis.rounds import best_in_haste, next_best, otherwise
 from autotune.diagnosis.screening import (
     rows_back,
+    screen,
 )
 from autotune.diagnosis.search_state import Found, SearchState
 from autotune.diagnosis.settling import led_from_elsewhere, take
@@ -161,9 +163,25 @@ def _found(state: SearchState) -> Found:
     lagging = state.chosen is not None and LAG in state.chosen.model_fit.effects
     found = replace(found, delayed=lagging and state.delayed)
     found = where_it_slides(state, beside_own_presliding(state, found))
-    if found.chosen is None:
-        return found
-    return _or_a_spring(state, found, found.chosen)
+    if found.chosen is None or not state.evidence.accepts(state.problem.policy, found.chosen):
+        found = replace(found, untold=_without_twin(state, found))
+    return found if found.chosen is None else _or_a_spring(state, found, found.chosen)
+
+
+def _without_twin(state: SearchState, found: Found) -> list[ScreenedCandidate]:
+    """Second masses by what they gain beyond chance on the measured motion, where there is no twin to name them by.
+
+    A loop or a memory may look like a spring or a gap there, so that it is no name; but an axis that lacks nothing has
+    none that halves its error.
+    """
+    problem, root, evidence = found.problem, found.root, state.evidence
+    if problem.twin or problem.data.steady:
+        return []
+    masses = [kind for kind in problem.candidates if kind.in_transmission]
+    unasked = [kind for kind in masses if kind not in evidence.candidates(problem)]
+    state.progress("what only a twin could tell")
+    screened = [screen(problem, evidence, root, state.nominal, kind.name) for kind in unasked]
+    return [item for item in screened if item is not None and item.z >= problem.policy.least_z_single]
 
 
 def _or_a_spring(state: SearchState, found: Found, chosen: FittedCandidate) -> Found:

@@ -284,7 +284,9 @@ def _unknown(facts: Facts) -> str:
         return DROWNED
     known = (facts.coordinate, facts.generic, facts.chosen, facts.tried)
     text = unknown_note(facts.problem, facts.evidence, *known, nearly=facts.overlooked is not None)
-    if facts.chosen is not None or facts.overlooked is None:
+    if facts.overlooked is None:
+        return text
+    if facts.chosen is not None and not facts.evidence.untold(facts.problem, facts.overlooked):
         return text
     return f"{text} {nearest(facts.problem, facts.evidence, facts.root, facts.overlooked, facts.tried).capitalize()}"
 
@@ -457,7 +459,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         * (found.presliding is not None)
         + list(facts.base)
         + [offset_note(facts.root.fitted.packed, facts.problem.data.metadata)] * (case.verdict == NONE)
-        + list(not_looked_for(facts.problem, facts.evidence))
+        + list(not_looked_for(facts.problem, facts.evidence, facts.overlooked))
     )
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root

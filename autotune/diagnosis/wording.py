@@ -304,12 +304,20 @@ def _reading_note(data: Prepared, wave: ReadingWave) -> str:
     return READS_OFF_CENTRE.format(**told, counts=period / data.resolution)
 
 
-def not_looked_for(problem: Problem, evidence: Evidence) -> tuple[str, ...]:
-    """Says which effects such recordings cannot show as there is no twin; none where there is one."""
+def not_looked_for(
+    problem: Problem, evidence: Evidence, nearest: ScreenedCandidate | None = None
+) -> tuple[str, ...]:
+    """Says which effects such recordings cannot show as there is no twin; none where there is one.
+
+    `nearest`: one of them, of which more is said already.
+    """
     if problem.twin or problem.data.steady:
         return ()
     asked = evidence.candidates(problem)
-    names = [kind.name.replace("_", " ") for kind in problem.candidates if kind not in asked]
+    said = "" if nearest is None else nearest.effect
+    names = [
+        kind.name.replace("_", " ") for kind in problem.candidates if kind not in asked and kind.name != said
+    ]
     if not names:
         return ()
     listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
@@ -470,7 +478,7 @@ def nearest(
     tried: Sequence[FittedCandidate],
 ) -> str:
     """The candidate that gains most, and what stopped it: as it was fitted where it was, as among the candidates."""
-    gate, gain = evidence.stopped_by(problem, root, best), best.gain
+    gate, gain = evidence.untold(problem, best) or evidence.stopped_by(problem, root, best), best.gain
     where = "inside the twin" if problem.twin else "in a full fit"
     fitted = next((item for item in tried if item.effect == best.effect), None)
     if not gate and fitted is not None:

@@ -25,7 +25,11 @@ def _axis(reaches: tuple[float, ...]) -> SimpleNamespace:
             folds.append(np.full(len(leg), number))
     velocity, fold = np.concatenate(ways), np.concatenate(folds)
     data = SimpleNamespace(
-        velocity=velocity, grid=slice(None), folds=fold, role=lambda *_: np.ones(len(fold), dtype=bool)
+        velocity=velocity,
+        grid=slice(None),
+        folds=fold,
+        second=200,
+        role=lambda *_: np.ones(len(fold), dtype=bool),
     )
     return SimpleNamespace(
         data=data, place=np.concatenate(places), training=np.ones(len(fold)), policy=POLICY, has_veto=False

@@ -258,7 +258,7 @@ def _in_strokes(signs: list[float]) -> tuple[Problem, Fitted, Fitted]:
         inside = slice(400 * number + 50, 400 * number + 150)
         shape[inside] = 1.0
         error[inside] += 8.0 * sign
-    data = SimpleNamespace(folds=rows // 400, role=lambda *_: np.ones(len(rows), dtype=bool))
+    data = SimpleNamespace(folds=rows // 400, second=200, role=lambda *_: np.ones(len(rows), dtype=bool))
     problem = SimpleNamespace(data=data, training=np.ones(len(rows)), policy=POLICY)
     base = np.column_stack([np.ones(len(rows)), np.sin(rows / 90.0)])
     fits = [SimpleNamespace(error=error, jacobian=table) for table in (base, np.column_stack([base, shape]))]

@@ -11,7 +11,8 @@ import pytest
 
 from autotune.core.errors import ConfigurationError, a_few
 from autotune.core.units import percent
-from autotune.diagnosis import wording
+from autotune.diagnosis import search, wording
+from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.wording import (
     MOST_NAMES,
     PROGRAMME,
@@ -20,6 +21,7 @@ from autotune.diagnosis.wording import (
     missing_codes_note,
     nearest,
     next_experiment,
+    not_looked_for,
     offset_note,
     repeats_note,
     separating_experiment,
@@ -257,7 +259,9 @@ def test_a_chain_that_ends_at_its_limits_rules_out_no_lag(cycles: int, lag: floa
 def test_the_candidate_that_comes_nearest_is_told_as_it_is_listed(stopped: str, fits, said) -> None:
     """What was fitted inside the twin stands so among the candidates, and says more than a screening does."""
     evidence: Any = SimpleNamespace(
-        stopped_by=lambda *_: stopped, explains=lambda _: "explains 97 %, 6 % on the veto trajectory"
+        untold=lambda *_: "",
+        stopped_by=lambda *_: stopped,
+        explains=lambda _: "explains 97 %, 6 % on the veto trajectory",
     )
     nobody: Any = None
     best: Any = SimpleNamespace(effect="stribeck", gain=0.134)
@@ -356,3 +360,47 @@ def test_a_course_of_the_place_over_too_little_travel_is_told_for_that(
     text = wording._short_of_a_name(problem, evidence, root, fit, ())
     assert ("smooth course of the place" in text) == anything
     assert anything or text == "not beyond doubt"
+
+
+@pytest.mark.parametrize("twin", [True, False])
+def test_a_gap_that_only_a_twin_could_tell_comes_nearest_and_is_no_name(twin: bool) -> None:
+    """It was "none of the effects that could be looked for", where the fit of a gap took 77 % of the error away."""
+    gap = SimpleNamespace(effect="backlash", gain=0.768)
+    problem = SimpleNamespace(
+        twin=twin, data=SimpleNamespace(steady=False), candidates=[*EFFECTS.values()], policy=POLICY
+    )
+    evidence = SingleRecording()
+    assert bool(evidence.untold(problem, gap)) is not twin
+    assert not evidence.untold(problem, SimpleNamespace(effect="spring"))
+    if twin:
+        return
+    said = nearest(problem, evidence, SimpleNamespace(), gap, [])
+    assert said.startswith(
+        "backlash comes nearest, gain 76.8 % on unseen experiments, and is not taken: without a twin"
+    )
+    (rest,) = not_looked_for(problem, evidence, gap)
+    assert (
+        "Without a twin elastic transmission and torque lag cannot be told, and were not looked for" in rest
+    )
+    assert "elastic transmission, backlash and torque lag" in not_looked_for(problem, evidence)[0]
+
+
+@pytest.mark.parametrize(
+    ("twin", "steady", "z", "told"),
+    [
+        (False, False, 6.6, ["elastic_transmission", "backlash"]),
+        (False, False, 1.9, []),
+        (True, False, 6.6, []),
+        (False, True, 6.6, []),
+    ],
+)
+def test_second_masses_are_looked_at_where_no_twin_tells_of_them(
+    monkeypatch: pytest.MonkeyPatch, twin: bool, steady: bool, z: float, told: list[str]
+) -> None:
+    problem = SimpleNamespace(
+        twin=twin, data=SimpleNamespace(steady=steady), candidates=[*EFFECTS.values()], policy=POLICY
+    )
+    monkeypatch.setattr(search, "screen", lambda *known: SimpleNamespace(effect=known[-1], gain=0.7, z=z))
+    state = SimpleNamespace(evidence=SingleRecording(), nominal=None, progress=lambda _: None)
+    found = SimpleNamespace(problem=problem, root=None)
+    assert [one.effect for one in search._without_twin(state, found)] == told

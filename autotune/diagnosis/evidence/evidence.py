@@ -20,6 +20,7 @@ from autotune.estimation.least_squares import standard_errors
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
 from autotune.models.effect import Kind
+from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TIME_CONSTANT, TORQUE_LAG
 
 CLOSE_START = 0.4
@@ -226,6 +227,12 @@ class Evidence(ABC):
     @abstractmethod
     def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
         """What keeps a candidate from a fit inside the twin (`worth_fitting`), in words; empty where nothing does."""
+
+    def untold(self, problem: Problem, item: ScreenedCandidate) -> str:
+        """What keeps a candidate that only a twin could tell from a name, in words; empty for all others."""
+        if problem.twin or not EFFECTS[item.effect].in_transmission:
+            return ""
+        return "without a twin it cannot be told from what the drive's loop does, nor from a memory"
 
     @abstractmethod
     def explains(self, candidate: FittedCandidate) -> str:
