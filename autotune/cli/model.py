@@ -94,15 +94,12 @@ def compare(
 ) -> None:
     """Compare a model with recordings: how large the error is, and where it sits."""
     import autotune
-    from autotune.api.known_laws import take_laws
     from autotune.cli.model_text import compared_lines
-    from autotune.models.model_file import read_model
 
     for path in (html, rrd):
         _check_folder(path)
-    known, read = read_model(model_file), _read(recordings)
-    take_laws(model_file, read)
-    result = autotune.compare(read, known)
+    read = _read(recordings)
+    result = autotune.compare(read, _known(model_file, read))
     if html is not None:
         result.write_html(html)
         say(f"figures: {html}")
@@ -144,20 +141,16 @@ def diagnose(
 ) -> None:
     """Tell which physical effect the model lacks, with the evidence."""
     import autotune
-    from autotune.api.known_laws import keep_laws, take_laws
+    from autotune.api.known_laws import keep_laws
     from autotune.cli.model_text import diagnosis_lines
-    from autotune.models.model_file import read_model, write_model
+    from autotune.models.model_file import write_model
 
     for path in (html, rrd):
         _check_folder(path)
     if apply is not None:
         _check_output(apply)
-    known = None if model_file is None else read_model(model_file)
     read = _read(recordings)
-    if known is None or model_file is None:
-        known = _base_of(read)
-    else:
-        take_laws(model_file, read)
+    known = _base_of(read) if model_file is None else _known(model_file, read)
     with one_bar("diagnose", DIAGNOSE_STEPS, _rows(read)) as step:
         result = autotune.diagnose(read, known, at_most=at_most, progress=step)
     if html is not None:
@@ -338,6 +331,16 @@ def _read(paths: list[Path]) -> list[Recording]:
     for remark in (remark for one in read for remark in one.metadata.remarks):
         say(remark)
     return read
+
+
+def _known(model_file: Path, read: list[Recording]) -> DriveModel:
+    """The model of a file, with the controllers that its fit found in these recordings."""
+    from autotune.api.known_laws import take_laws
+    from autotune.models.model_file import read_model
+
+    known = read_model(model_file)
+    take_laws(model_file, read)
+    return known
 
 
 def _base_of(read: list[Recording]) -> DriveModel:

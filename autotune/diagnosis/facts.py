@@ -433,7 +433,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
         facts = replace(facts, rivals=doubtful or _untold(facts, found.told_apart, behind))
     if named:
         return _or_a_ripple(_or_a_weight(facts, found.told_apart), found.told_apart)
-    facts = replace(facts, overlooked=evidence.overlooked(problem, root, [*found.first, *found.untold]))
+    facts = replace(facts, overlooked=evidence.overlooked(problem, root, [*found.first, *found.without_twin]))
     if found.cut_short and not facts.plainly:  # nothing of what is asked below changes the verdict
         return facts
     # beside friction that warms, what is left of its slow course is no preload that something moves

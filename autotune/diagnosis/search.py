@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import fields, replace
 
-from autotune.core.time_limit import TimeIsUp, check_time, limited
+from autotune.core.time_limit import TimeIsUp, check_time, limited, while_time
 from autotune.diagnosis.backward import backward_of, in_place, tidy, try_look_alikes, try_motor
 from autotune.diagnosis.base_beside import drop_laws, other_law_beside, shape_base
 from autotune.diagnosis.base_laws import CLIMB_LAW
@@ -164,7 +164,7 @@ def _found(state: SearchState) -> Found:
     found = replace(found, delayed=lagging and state.delayed)
     found = where_it_slides(state, beside_own_presliding(state, found))
     if found.chosen is None or not state.evidence.accepts(state.problem.policy, found.chosen):
-        found = replace(found, untold=_without_twin(state, found))
+        found = replace(found, without_twin=_without_twin(state, found))
     return found if found.chosen is None else _or_a_spring(state, found, found.chosen)
 
 
@@ -179,9 +179,15 @@ def _without_twin(state: SearchState, found: Found) -> list[ScreenedCandidate]:
         return []
     masses = [kind for kind in problem.candidates if kind.in_transmission]
     unasked = [kind for kind in masses if kind not in evidence.candidates(problem)]
+    if not unasked:
+        return []
     state.progress("what only a twin could tell")
-    screened = [screen(problem, evidence, root, state.nominal, kind.name) for kind in unasked]
-    return [item for item in screened if item is not None and item.z >= problem.policy.least_z_single]
+
+    def screened() -> list[ScreenedCandidate]:
+        found = (screen(problem, evidence, root, state.nominal, kind.name) for kind in unasked)
+        return [item for item in found if item is not None and item.z >= problem.policy.least_z_single]
+
+    return while_time(screened, [])
 
 
 def _or_a_spring(state: SearchState, found: Found, chosen: FittedCandidate) -> Found:

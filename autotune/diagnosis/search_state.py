@@ -59,7 +59,7 @@ class Found:
         unloaded: the chosen effects without a second mass among them, where that tells of it; else None.
         delayed: whether a dead time of some rows does as well as the lag among them.
         cut_short: its time was up: not all was asked, and what was found was not asked whether it is needed.
-        untold: where nothing was found for a name and there is no twin, second masses by what they gain without one.
+        without_twin: second masses by what they gain without one, where nothing was found for a name.
     """
 
     problem: Problem
@@ -79,7 +79,7 @@ class Found:
     unloaded: ModelFit | None = None
     delayed: bool = False
     cut_short: bool = False
-    untold: Sequence[ScreenedCandidate] = ()
+    without_twin: Sequence[ScreenedCandidate] = ()
 
     @property
     def model_fit(self) -> ModelFit:

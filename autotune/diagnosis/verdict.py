@@ -286,7 +286,7 @@ def _unknown(facts: Facts) -> str:
     text = unknown_note(facts.problem, facts.evidence, *known, nearly=facts.overlooked is not None)
     if facts.overlooked is None:
         return text
-    if facts.chosen is not None and not facts.evidence.untold(facts.problem, facts.overlooked):
+    if facts.chosen is not None and not facts.evidence.needs_twin(facts.problem, facts.overlooked):
         return text
     return f"{text} {nearest(facts.problem, facts.evidence, facts.root, facts.overlooked, facts.tried).capitalize()}"
 

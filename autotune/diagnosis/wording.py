@@ -478,7 +478,7 @@ def nearest(
     tried: Sequence[FittedCandidate],
 ) -> str:
     """The candidate that gains most, and what stopped it: as it was fitted where it was, as among the candidates."""
-    gate, gain = evidence.untold(problem, best) or evidence.stopped_by(problem, root, best), best.gain
+    gate, gain = evidence.needs_twin(problem, best) or evidence.stopped_by(problem, root, best), best.gain
     where = "inside the twin" if problem.twin else "in a full fit"
     fitted = next((item for item in tried if item.effect == best.effect), None)
     if not gate and fitted is not None:

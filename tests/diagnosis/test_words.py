@@ -259,7 +259,7 @@ def test_a_chain_that_ends_at_its_limits_rules_out_no_lag(cycles: int, lag: floa
 def test_the_candidate_that_comes_nearest_is_told_as_it_is_listed(stopped: str, fits, said) -> None:
     """What was fitted inside the twin stands so among the candidates, and says more than a screening does."""
     evidence: Any = SimpleNamespace(
-        untold=lambda *_: "",
+        needs_twin=lambda *_: "",
         stopped_by=lambda *_: stopped,
         explains=lambda _: "explains 97 %, 6 % on the veto trajectory",
     )
@@ -370,8 +370,8 @@ def test_a_gap_that_only_a_twin_could_tell_comes_nearest_and_is_no_name(twin: bo
         twin=twin, data=SimpleNamespace(steady=False), candidates=[*EFFECTS.values()], policy=POLICY
     )
     evidence = SingleRecording()
-    assert bool(evidence.untold(problem, gap)) is not twin
-    assert not evidence.untold(problem, SimpleNamespace(effect="spring"))
+    assert bool(evidence.needs_twin(problem, gap)) is not twin
+    assert not evidence.needs_twin(problem, SimpleNamespace(effect="spring"))
     if twin:
         return
     said = nearest(problem, evidence, SimpleNamespace(), gap, [])

@@ -228,7 +228,7 @@ class Evidence(ABC):
     def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
         """What keeps a candidate from a fit inside the twin (`worth_fitting`), in words; empty where nothing does."""
 
-    def untold(self, problem: Problem, item: ScreenedCandidate) -> str:
+    def needs_twin(self, problem: Problem, item: ScreenedCandidate) -> str:
         """What keeps a candidate that only a twin could tell from a name, in words; empty for all others."""
         if problem.twin or not EFFECTS[item.effect].in_transmission:
             return ""
