@@ -357,7 +357,7 @@ def out_of_proportion(problem: Problem, root: ModelFit, model_fit: ModelFit) -> 
     It is measured on training and veto with all else refitted to first order: beside the effect's own law and, as a
     large effect is not the sum of its parts, by the parts in its place; what leaves less tells. It is the effect's
     where it is nearer to its law's than to the stranger's, told from that, and not beyond chance further off than half
-    the way there, on the other side neither.
+    the way there, on the other side neither. Where the stranger is rare, the last is enough.
     """
     found = (_proportion(problem, root, model_fit, effect) for effect in model_fit.effects)
     return next((one for one in found if one is not None), None)
@@ -371,7 +371,9 @@ def _proportion(problem: Problem, root: ModelFit, model_fit: ModelFit, effect: s
     found = _measured(_Proportioned.of(problem, root, model_fit, effect, told))
     chance = problem.policy.apart_z * found.error
     own, strangers = abs(found.times - 1.0), abs(found.times - told.other)
-    its = own < strangers and strangers > chance and own - chance <= 0.5 * abs(told.other - 1.0)
+    its = own - chance <= 0.5 * abs(told.other - 1.0)
+    if told.common:
+        its = its and own < strangers and strangers > chance
     return None if its else found
 
 

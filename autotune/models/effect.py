@@ -115,12 +115,14 @@ class Proportion:
         name: of the second part, in words.
         other: times that part, beside the same first part, what a law that is not in the library has.
         stranger: that law, in words.
+        common: whether it is so common that a name must rule it out; a rarer one must be told beyond chance itself.
     """
 
     parts: Callable[[Floats, Floats, Floats, Floats], tuple[Floats, Floats]]
     name: str
     other: float
     stranger: str
+    common: bool = True
 
 
 @dataclass(frozen=True, slots=True)

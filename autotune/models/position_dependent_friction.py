@@ -14,9 +14,9 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.effect import Kernels, Kind, Parameter, Proportion
 from autotune.models.lanes import anywhere, where
-from autotune.models.layout import block
+from autotune.models.layout import COULOMB, INERTIA, VISCOUS, block
 from autotune.models.look_alikes import IN_PLACE
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 from autotune.models.torque_ripple import scale_slot
@@ -84,6 +84,31 @@ def free_shape(c: StartContext) -> StartValues:
     return StartValues(values | rises, free)
 
 
+def _rise(p: Floats, place: Floats) -> Floats:
+    """By how much the friction level rises at places of shape (n,), relative; as `place_factor` has it, less 1."""
+    rise = np.zeros(len(place))
+    if p[_AT] != 0.0:
+        rise += p[_AT] * np.exp(-(np.abs((place - p[_AT + 1]) / p[_AT + 2]) ** p[_EDGE]))
+    if p[_AT + 3] > 0.0:
+        angle = p[_AT + 3] * p[_SCALE] * place
+        rise += p[_AT + 4] * np.sin(angle) + p[_AT + 5] * np.cos(angle)
+    if p[_AT + 7] > 0.0:
+        heights = np.concatenate([[0.0], p[_AT + 8 : _AT + 8 + KNOTS], [0.0]])
+        rise += np.interp((place - p[_AT + 6]) / p[_AT + 7], np.arange(-1.0, KNOTS + 1.0), heights)
+    return np.asarray(np.maximum(1.0 + rise, LEAST_FACTOR) - 1.0)
+
+
+def parts(p: Floats, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, Floats]:
+    """What all torque would have by such a course, g(q)·(J·a + F·sign v + b·v), and −g·(J·a + b·v) [N m].
+
+    Their sum is the law: friction alone follows the place. A torque constant that does has the first without the
+    second: the motor's torque falls short of what its current says, whatever that torque is for. Shape (n,) each.
+    """
+    course = _rise(p, position)
+    moving = p[INERTIA] * acceleration + p[VISCOUS] * velocity
+    return course * (moving + p[COULOMB] * np.sign(velocity)), -course * moving
+
+
 def _likeliest_spot(c: StartContext, low: float, high: float) -> tuple[float, float]:
     """Centre and width of the spot that explains most of the residual."""
     thin = c.thinned()
@@ -125,6 +150,13 @@ POSITION_DEPENDENT_FRICTION = Kind(
     size="height",
     plain_shape=plain_shape,
     free_shape=free_shape,
+    proportion=Proportion(
+        parts,
+        "the part by which it spares the torque for inertia and viscous friction",
+        0.0,
+        "a torque constant that changes with the place, as magnets and tired windings make it",
+        common=False,
+    ),
     of_place=True,
     both_ways=True,
     keeps_zero=True,
