@@ -16,7 +16,7 @@ from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter, Proportion
 from autotune.models.lanes import anywhere, where
-from autotune.models.layout import COULOMB, INERTIA, VISCOUS, block
+from autotune.models.layout import COULOMB, INERTIA, block
 from autotune.models.look_alikes import IN_PLACE
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 from autotune.models.torque_ripple import scale_slot
@@ -99,14 +99,15 @@ def _rise(p: Floats, place: Floats) -> Floats:
 
 
 def parts(p: Floats, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, Floats]:
-    """What all torque would have by such a course, g(q)·(J·a + F·sign v + b·v), and −g·(J·a + b·v) [N m].
+    """What friction and inertia would have by such a course, g(q)·(J·a + F·sign v), and −g·J·a [N m].
 
-    Their sum is the law: friction alone follows the place. A torque constant that does has the first without the
-    second: the motor's torque falls short of what its current says, whatever that torque is for. Shape (n,) each.
+    Their sum is the law: friction alone follows the place, its viscous part with it or without. A torque constant that
+    does has the first without the second: the motor's torque falls short of what its current says, whatever that torque
+    is for. Shape (n,) each.
     """
     course = _rise(p, position)
-    moving = p[INERTIA] * acceleration + p[VISCOUS] * velocity
-    return course * (moving + p[COULOMB] * np.sign(velocity)), -course * moving
+    accelerating = p[INERTIA] * acceleration
+    return course * (accelerating + p[COULOMB] * np.sign(velocity)), -course * accelerating
 
 
 def _likeliest_spot(c: StartContext, low: float, high: float) -> tuple[float, float]:
@@ -152,7 +153,7 @@ POSITION_DEPENDENT_FRICTION = Kind(
     free_shape=free_shape,
     proportion=Proportion(
         parts,
-        "the part by which it spares the torque for inertia and viscous friction",
+        "the part by which it spares the torque that accelerates the axis",
         0.0,
         "a torque constant that changes with the place, as magnets and tired windings make it",
         common=False,

@@ -120,7 +120,11 @@ def test_by_time_place_times_speed_would_be_learned_by_heart() -> None:
     assert (by_phase.verdict, by_phase.effects) == ("unknown", ())
     with mock.patch("autotune.estimation.data.periodic", return_value=None):
         by_time = diagnose([recording], model)
-    assert by_time.effects  # a wrong name
+    gains = [found.candidates[0].gain for found in (by_phase, by_time)]
+    assert [found.candidates[0].effect for found in (by_phase, by_time)] == [
+        "position_dependent_friction"
+    ] * 2
+    assert gains[1] > 1.4 * gains[0]  # by heart: a wrong name, were its parts in proportion
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -509,14 +509,15 @@ def test_an_inertia_that_changes_with_the_place_is_no_encoder_off_centre(
         assert told.error < (0.15 if oiled else 0.05)
 
 
-def _uneven(friction: float, constant: float, quick: float = 1.0) -> Recording:
+def _uneven(friction: float, constant: float, quick: float, oiled: float) -> Recording:
     """Friction, or the torque of each ampere, that waves over the place; `quick`: how fast, over three strokes in ten
     seconds."""
     time = np.arange(0.0, 20.0, PERIOD)
     q = 3.0 * np.sin(2 * np.pi * 0.31 * quick * time) + 1.5 * np.sin(2 * np.pi * 0.73 * quick * time + 1.0)
     v = np.gradient(q, PERIOD)
     contact = COULOMB * (1.0 + friction * np.sin(q)) * np.tanh(v / 5e-3)
-    needed = (1.0 + constant * np.sin(q)) * (0.002 * np.gradient(v, PERIOD) + contact + VISCOUS * v)
+    contact += VISCOUS * (1.0 + oiled * np.sin(q)) * v
+    needed = (1.0 + constant * np.sin(q)) * (0.002 * np.gradient(v, PERIOD) + contact)
     torque = 0.5 * (needed + np.append(needed[1:], needed[-1])) + np.random.default_rng(5).normal(
         0.0, 2e-3, len(q)
     )
@@ -524,12 +525,18 @@ def _uneven(friction: float, constant: float, quick: float = 1.0) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("friction", "constant", "quick", "times"),
-    [(0.2, 0.0, 1.0, None), (0.0, 0.2, 1.0, 0.0), (0.2, 0.0, 0.1, None), (0.0, 0.2, 0.1, None)],
-    ids=["friction", "torque constant", "friction, slow", "torque constant, slow"],
+    ("friction", "constant", "quick", "oiled", "times"),
+    [
+        (0.2, 0.0, 1.0, 0.0, None),
+        (0.2, 0.0, 1.0, 0.2, None),
+        (0.0, 0.2, 1.0, 0.0, 0.0),
+        (0.2, 0.0, 0.1, 0.0, None),
+        (0.0, 0.2, 0.1, 0.0, None),
+    ],
+    ids=["friction", "all friction", "torque constant", "friction, slow", "torque constant, slow"],
 )
 def test_a_torque_constant_that_changes_with_the_place_is_no_friction_that_does(
-    friction: float, constant: float, quick: float, times: float | None
+    friction: float, constant: float, quick: float, oiled: float, times: float | None
 ) -> None:
     """Magnets of two strengths were friction over the place, suspected, on two simulators of others.
 
@@ -540,13 +547,14 @@ def test_a_torque_constant_that_changes_with_the_place_is_no_friction_that_does(
     plain = base_model(values | {"micro_damping": 0.1, "offset": 0.0})
     wave = {"height": 0.0, "centre": 0.0, "width": 1.0, "order": 1.0, "sin": friction + constant, "cos": 0.0}
     problem, found, _, _ = begin(
-        prepared_for([_uneven(friction, constant, quick)]), plain.with_effect(kind.make(wave))
+        prepared_for([_uneven(friction, constant, quick, oiled)]), plain.with_effect(kind.make(wave))
     )
     root = replace(found, fitted=replace(found.fitted, packed=plain.pack()))
     told = out_of_proportion(problem, root, replace(found, effects=(kind.name,)))
     assert (told is None) == (times is None)
     if told is not None:
-        assert told.times == pytest.approx(times, abs=max(3.0 * told.error, 0.05))
+        # viscous friction, a sixth of all here, follows the constant too and is in neither part
+        assert told.times == pytest.approx(times, abs=0.2)
 
 
 @pytest.mark.parametrize(
@@ -583,9 +591,7 @@ def test_parts_of_friction_over_the_place_are_its_law_together(values: dict[str,
     first, second = kind.proportion.parts(p, place, velocity, acceleration)
     rise = np.array([kind.kernels.level_factor(p, np.zeros(1), q) - 1.0 for q in place])
     assert first + second == pytest.approx(rise * 0.5 * np.sign(velocity), abs=1e-12)
-    assert first == pytest.approx(
-        rise * (0.5 * np.sign(velocity) + 0.01 * acceleration + 0.02 * velocity), abs=1e-12
-    )
+    assert first == pytest.approx(rise * (0.5 * np.sign(velocity) + 0.01 * acceleration), abs=1e-12)
 
 
 def test_a_proportion_is_told_beside_a_motor_that_saturates() -> None:
