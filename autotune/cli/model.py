@@ -98,8 +98,8 @@ def compare(
 
     for path in (html, rrd):
         _check_folder(path)
-    read = _read(recordings)
-    result = autotune.compare(read, _known(model_file, read))
+    known, read = _with_model(model_file, recordings)
+    result = autotune.compare(read, known)
     if html is not None:
         result.write_html(html)
         say(f"figures: {html}")
@@ -149,8 +149,7 @@ def diagnose(
         _check_folder(path)
     if apply is not None:
         _check_output(apply)
-    read = _read(recordings)
-    known = _base_of(read) if model_file is None else _known(model_file, read)
+    known, read = _with_base(recordings) if model_file is None else _with_model(model_file, recordings)
     with one_bar("diagnose", DIAGNOSE_STEPS, _rows(read)) as step:
         result = autotune.diagnose(read, known, at_most=at_most, progress=step)
     if html is not None:
@@ -189,17 +188,15 @@ def add(
 ) -> None:
     """Add effects to a model and show how far the error falls on data that the fit never saw."""
     import autotune
-    from autotune.api.known_laws import keep_laws, take_laws
+    from autotune.api.known_laws import keep_laws
     from autotune.cli.model_text import added_lines
-    from autotune.models.model_file import read_model, write_model
+    from autotune.models.model_file import write_model
 
     _check_output(out)
     _check_folder(rrd)
     effects, recordings = _effects_first(words)
-    result, known = None, read_model(model_file)
-    given = known
-    read = _read(recordings)
-    take_laws(model_file, read)
+    given, read = _with_model(model_file, recordings)
+    result, known = None, given
     with one_bar(f"add {', '.join(effects)}", ADD_STEPS * len(effects), _rows(read)) as step:
         for effect in effects:
             result = autotune.add_effect(effect, read, known, progress=step, source=_source(recordings))
@@ -333,29 +330,30 @@ def _read(paths: list[Path]) -> list[Recording]:
     return read
 
 
-def _known(model_file: Path, read: list[Recording]) -> DriveModel:
-    """The model of a file, with the controllers that its fit found in these recordings."""
+def _with_model(model_file: Path, paths: list[Path]) -> tuple[DriveModel, list[Recording]]:
+    """The model of a file and recordings, with the controllers that its fit found in them."""
     from autotune.api.known_laws import take_laws
     from autotune.models.model_file import read_model
 
-    known = read_model(model_file)
+    known, read = read_model(model_file), _read(paths)
     take_laws(model_file, read)
-    return known
+    return known, read
 
 
-def _base_of(read: list[Recording]) -> DriveModel:
-    """The base model, fitted to the recordings, valid or not: what they lack may be what hides its parameters.
+def _with_base(paths: list[Path]) -> tuple[DriveModel, list[Recording]]:
+    """The base model, fitted to recordings, valid or not: what they lack may be what hides its parameters; and these.
 
     Raises:
         NotEnoughExcitation: nothing can be fitted to them.
     """
     import autotune
 
+    read = _read(paths)
     with one_bar("fit", FIT_STEPS, _rows(read)) as step:
         fitted = autotune.fit(read, progress=step)
     if fitted.model is None:
         raise NotEnoughExcitation(fitted.estimate.reason)
-    return fitted.model
+    return fitted.model, read
 
 
 def _rows(recordings: list[Recording]) -> int:

@@ -225,7 +225,7 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
     policy = found.problem.policy
     shapeless = best.effect in without_own_course(found.problem, best.model_fit)
     behind = [item for item, error in known if item is not best and _clearly_less(policy, least, error)]
-    if best is not chosen and chosen not in behind:  # better by chance
+    if best is not chosen and not any(item is chosen for item in behind):  # better by chance
         return found
     worse = {item.effect for item in behind if not (shapeless and item.effect == SPRING.name)}
     lost = {effect for item in behind for effect in set(best.model_fit.effects) - set(item.model_fit.effects)}

@@ -177,8 +177,8 @@ def _without_twin(state: SearchState, found: Found) -> list[ScreenedCandidate]:
     problem, root, evidence = found.problem, found.root, state.evidence
     if problem.twin or problem.data.steady:
         return []
-    masses = [kind for kind in problem.candidates if kind.in_transmission]
-    unasked = [kind for kind in masses if kind not in evidence.candidates(problem)]
+    asked = evidence.candidates(problem)
+    unasked = [kind for kind in problem.candidates if kind.in_transmission and kind not in asked]
     if not unasked:
         return []
     state.progress("what only a twin could tell")

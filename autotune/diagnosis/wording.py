@@ -305,16 +305,16 @@ def _reading_note(data: Prepared, wave: ReadingWave) -> str:
 
 
 def not_looked_for(
-    problem: Problem, evidence: Evidence, nearest: ScreenedCandidate | None = None
+    problem: Problem, evidence: Evidence, told: ScreenedCandidate | None = None
 ) -> tuple[str, ...]:
     """Says which effects such recordings cannot show as there is no twin; none where there is one.
 
-    `nearest`: one of them, of which more is said already.
+    `told`: one of them, of which more is said already.
     """
     if problem.twin or problem.data.steady:
         return ()
     asked = evidence.candidates(problem)
-    said = "" if nearest is None else nearest.effect
+    said = "" if told is None else told.effect
     names = [
         kind.name.replace("_", " ") for kind in problem.candidates if kind not in asked and kind.name != said
     ]

@@ -84,18 +84,11 @@ def free_shape(c: StartContext) -> StartValues:
     return StartValues(values | rises, free)
 
 
-def _rise(p: Floats, place: Floats) -> Floats:
-    """By how much the friction level rises at places of shape (n,), relative; as `place_factor` has it, less 1."""
-    rise = np.zeros(len(place))
-    if p[_AT] != 0.0:
-        rise += p[_AT] * np.exp(-(np.abs((place - p[_AT + 1]) / p[_AT + 2]) ** p[_EDGE]))
-    if p[_AT + 3] > 0.0:
-        angle = p[_AT + 3] * p[_SCALE] * place
-        rise += p[_AT + 4] * np.sin(angle) + p[_AT + 5] * np.cos(angle)
-    if p[_AT + 7] > 0.0:
-        heights = np.concatenate([[0.0], p[_AT + 8 : _AT + 8 + KNOTS], [0.0]])
-        rise += np.interp((place - p[_AT + 6]) / p[_AT + 7], np.arange(-1.0, KNOTS + 1.0), heights)
-    return np.asarray(np.maximum(1.0 + rise, LEAST_FACTOR) - 1.0)
+@compiled
+def _rises(p: Floats, state: Floats, places: Floats, rises: Floats) -> None:
+    """Fills in by how much the friction level rises at places of shape (n,), relative."""
+    for i in range(len(places)):
+        rises[i] = place_factor(p, state, places[i]) - 1.0
 
 
 def parts(p: Floats, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, Floats]:
@@ -105,7 +98,8 @@ def parts(p: Floats, position: Floats, velocity: Floats, acceleration: Floats) -
     does has the first without the second: the motor's torque falls short of what its current says, whatever that torque
     is for. Shape (n,) each.
     """
-    course = _rise(p, position)
+    course = np.empty(len(position))
+    _rises(p, np.zeros(1), position, course)
     accelerating = p[INERTIA] * acceleration
     return course * (accelerating + p[COULOMB] * np.sign(velocity)), -course * accelerating
 
