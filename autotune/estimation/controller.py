@@ -50,6 +50,7 @@ from autotune.estimation.controller_search import (
     ANY_FILTER,
     EXACT,
     WORTH_DELAYS,
+    FrictionFed,
     fed_late,
     friction_fed_forward,
     law_from_data,
@@ -85,7 +86,10 @@ AS_ACTED = (
     "acts in the row was told from it by the drive's law."
 )
 FEEDS_FRICTION = "The controller feeds friction forward, "
-FRICTION_FED = FEEDS_FRICTION + "{:.3g} {} by the sign of its reference's speed; that was told by its demand."
+FRICTION_FED = (
+    FEEDS_FRICTION + "{:.3g} {} by the sign of its reference's speed{}; that was told by its demand."
+)
+OBSERVED = ", ahead of a disturbance observer"
 LOGGED_FEEDFORWARD = "The feedforward in the file "
 FED_LATE = LOGGED_FEEDFORWARD + (
     "is in the torque {:.2g} rows ({:.2g} ms) later: it was logged as it was asked for, "
@@ -116,7 +120,7 @@ MOST_ADDED, LEAST_LEFT, FAR_LESS = 3, 0.5, 0.5
 leave of the demand without such an experiment, of what they leave with it."""
 _ASKED: Remembered[Floats] = Remembered(12)
 KNOWN_LAWS: Remembered[tuple[PositionController, ...]] = Remembered()
-KNOWN_FED: Remembered[Floats | None] = Remembered(4)
+KNOWN_FED: Remembered[FrictionFed | None] = Remembered(4)
 _KNOWN_ADDED: Remembered[tuple[Floats, tuple[str, ...]] | None] = Remembered(4)
 
 
@@ -597,11 +601,12 @@ def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: P
     fed = KNOWN_FED.answer(_mark(samples), lambda: friction_fed_forward(samples))
     if fed is None:
         return recordings
-    if not _of_all_rows(find_controller(replace(data, feedforward=data.feedforward + fed), policy)):
+    whole = data.feedforward + fed.torque
+    if not _of_all_rows(find_controller(replace(data, feedforward=whole), policy)):
         return recordings
     unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
-    said = FRICTION_FED.format(float(np.max(np.abs(fed))), unit)
-    return _with_feedforward(recordings, data.feedforward + fed, said)
+    said = FRICTION_FED.format(fed.level, unit, OBSERVED if fed.observed else "")
+    return _with_feedforward(recordings, whole, said)
 
 
 def with_torque_added(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -364,14 +364,31 @@ def searched_late(samples: LoopSamples) -> PositionController:
     return replace(found, reference_delay=r, position_delay=y, why=how_late(samples.period, r, y))
 
 
-def friction_fed_forward(samples: LoopSamples) -> Floats | None:
-    """Coulomb friction that a controller adds by the sign of its reference's speed [N m], shape (n,).
+@dataclass(frozen=True, slots=True)
+class FrictionFed:
+    """Friction that a controller feeds forward: what the demand has of it, shape (n,), and its level [N m or N].
+
+    `observed`: it is fed ahead of a disturbance observer.
+    """
+
+    torque: Floats
+    level: float
+    observed: bool
+
+
+def friction_fed_forward(samples: LoopSamples) -> FrictionFed | None:
+    """Coulomb friction that a controller adds by the sign of its reference's speed.
 
     None where no law of the samples explains enough for a twin with it either.
 
     Feedforward of friction is as usual in drives and robots as that of inertia. It is known from the reference but for
     its size, which is linear beside the law's gains, and the speed over which the sign is smoothed. Both are told below
     the frequency that models are compared at, so that it need not be known how the drive works between the samples.
+
+    Ahead of a disturbance observer the demand has its sum as well. With the observer's filter g/(s + g) the demand is
+    u = (1 + g/s)·w - g·J·v, where w is what is asked without it (Ohnishi et al. 1996, IEEE/ASME Transactions on
+    Mechatronics 1): of a PD and of all that is fed forward by the reference's derivatives this makes a PID, of a sign
+    the sign and g times its sum.
     """
     banded = in_band(replace(samples, piece=PIECE_SECONDS))
     rate = np.zeros(len(samples.reference))
@@ -380,15 +397,24 @@ def friction_fed_forward(samples: LoopSamples) -> Floats | None:
     top = float(np.max(np.abs(rate), initial=0.0))
     if top == 0.0:
         return None
-    best = max(_fed_trials(banded, rate, top), key=lambda trial: trial[0])
+    told = (_friction_fed(samples, banded, rate, top, observed) for observed in (False, True))
+    return next((fed for fed in told if fed is not None), None)
+
+
+def _friction_fed(
+    samples: LoopSamples, banded: LoopSamples, rate: Floats, top: float, observed: bool
+) -> FrictionFed | None:
+    """What is fed forward by the sign of the reference's `rate`, and by its sum ahead of an observer; as above."""
+    best = max(_fed_trials(banded, rate, top, observed), key=lambda trial: trial[0])
     _, sign, width, (r, y), smoothing = best
-    late, signed = (
-        late_samples(banded, r, y),
-        partial(_signs_in_band, samples, late_rows(rate, samples, r), sign),
-    )
+    late, asked = late_samples(banded, r, y), late_rows(rate, samples, r)
+
+    def fed(log_width: float, filtered: float) -> Solved:
+        terms = _in_band(samples, _fed_terms(samples, asked, sign, float(np.exp(log_width)), observed))
+        return _beside_fed(late, terms, filtered)
 
     def left(log_width: float, filtered: float = smoothing) -> float:
-        return 1.0 - _fed(late, signed(float(np.exp(log_width))), filtered)[1]
+        return 1.0 - fed(log_width, filtered).explained
 
     sharp = float(np.log(width))
     reach = float(np.log(TURNS_OVER[-1] / TURNS_OVER[-2]))
@@ -397,10 +423,12 @@ def friction_fed_forward(samples: LoopSamples) -> Floats | None:
     near = _ROUGH_FILTERS[max(place - 1, 0)], _ROUGH_FILTERS[min(place + 1, len(_ROUGH_FILTERS) - 1)]
     smoothing = lowest(partial(left, sharp), near, ROUGHLY)
     sharp = lowest(partial(left, filtered=smoothing), (sharp - 0.5 * reach, sharp + 0.5 * reach), FINELY)
-    size, explained = _fed(late, signed(float(np.exp(sharp))), smoothing)
-    if size <= 0.0 or explained <= samples.policy.controller_explains_in_band:
+    found = fed(sharp, smoothing)
+    terms = _fed_terms(samples, asked, sign, float(np.exp(sharp)), observed)
+    sizes = found.gains[-len(terms) :]
+    if np.any(sizes <= 0.0) or found.explained <= samples.policy.controller_explains_in_band:
         return None
-    return size * sign(late_rows(rate, samples, r), float(np.exp(sharp)))
+    return FrictionFed(np.asarray(sizes @ terms), float(sizes[0]), observed)
 
 
 def fed_late(samples: LoopSamples, fed: Floats) -> tuple[Floats, float] | None:
@@ -435,51 +463,62 @@ def fed_late(samples: LoopSamples, fed: Floats) -> tuple[Floats, float] | None:
 
 
 def _fed_trials(
-    banded: LoopSamples, rate: Floats, top: float
+    banded: LoopSamples, rate: Floats, top: float, summed: bool
 ) -> Iterator[tuple[float, Callable[[Floats, float], Floats], float, tuple[int, int], float]]:
     """Share explained by the laws of all delays and rough filters with friction fed forward by the reference's `rate`
     [rad/s or m/s], shape (n,); and the smooth sign, its width, the delays and the filter of each."""
     forms = [(sign, share * top) for sign in SMOOTH_SIGNS for share in TURNS_OVER]
-    signs = np.array(
-        [
-            _signs_in_band(banded, late_rows(rate, banded, late), sign, width)
-            for late in range(MOST_LATE + 2)
-            for sign, width in forms
-        ]
-    )
+    every = [
+        _in_band(banded, _fed_terms(banded, late_rows(rate, banded, late), sign, width, summed))
+        for late in range(MOST_LATE + 2)
+        for sign, width in forms
+    ]
+    own = len(every[0])
     quick = replace(banded, most_rows=ROUGH_ROWS)
     for smoothing in _ROUGH_FILTERS:
         chosen, run = law_rows(quick, smoothing)
         seen = [_seen_late(quick, quick.reference, smoothing, late) for late in range(MOST_LATE + 2)]
         moved = [_seen_late(quick, quick.position, smoothing, late)[:3] for late in range(MOST_LATE + 1)]
-        table = np.concatenate([*seen, *moved, signs])[:, chosen]
+        table = np.concatenate([*seen, *moved, *every])[:, chosen]
         triangle = reduced(table, quick.demand[chosen], run)
         for r in range(MOST_LATE + 2):
             for y in range(min(r, MOST_LATE) + 1):
                 mixing = _late_mixing(r, y)
                 for i, (sign, width) in enumerate(forms):
-                    whole = np.zeros((len(table), mixing.shape[1] + 1))
-                    whole[: len(mixing), :-1] = mixing
-                    whole[len(mixing) + r * len(forms) + i, -1] = 1.0
+                    whole = np.zeros((len(table), mixing.shape[1] + own))
+                    whole[: len(mixing), :-own] = mixing
+                    first = len(mixing) + own * (r * len(forms) + i)
+                    whole[first : first + own, -own:] = np.eye(own)
                     yield triangle.fitted(whole).explained, sign, width, (r, y), smoothing
 
 
-def _signs_in_band(
-    samples: LoopSamples, rate: Floats, sign: Callable[[Floats, float], Floats], width: float
+def _fed_terms(
+    samples: LoopSamples, rate: Floats, sign: Callable[[Floats, float], Floats], width: float, summed: bool
 ) -> Floats:
-    """A smooth sign of a rate of shape (n,) below the frequency that models are compared at."""
+    """A smooth sign of a rate of shape (n,), and its sum over time [s] where that is asked; shape (1 or 2, n)."""
     signs = sign(rate, width)
+    if not summed:
+        return signs[None]
+    sums = np.zeros(len(signs))
     for rows in samples.stretches:
-        signs[rows] = low_pass(signs[rows], compared_below(samples.period), samples.period)
-    return signs
+        sums[rows] = np.cumsum(signs[rows]) * samples.period
+    return np.stack([signs, sums])
 
 
-def _fed(late: LoopSamples, signs: Floats, smoothing: float) -> tuple[float, float]:
-    """Size of what is fed forward by signs of shape (n,) [N m], and share explained, beside all terms of a law."""
+def _in_band(samples: LoopSamples, terms: Floats) -> Floats:
+    """Terms of shape (k, n) below the frequency that models are compared at."""
+    below = terms.copy()
+    for one in below:
+        for rows in samples.stretches:
+            one[rows] = low_pass(one[rows], compared_below(samples.period), samples.period)
+    return below
+
+
+def _beside_fed(late: LoopSamples, fed: Floats, smoothing: float) -> Solved:
+    """All terms of a law beside what is fed forward, shape (k, n), whose sizes come last."""
     chosen, run = law_rows(replace(late, most_rows=ROUGH_ROWS), smoothing)
-    table = np.column_stack([law_terms(late, smoothing), signs])[chosen]
-    fitted = reduced(table.T, late.demand[chosen], run).fitted()
-    return float(fitted.gains[-1]), fitted.explained
+    table = np.concatenate([law_terms(late, smoothing).T, fed])[:, chosen]
+    return reduced(table, late.demand[chosen], run).fitted()
 
 
 def _plain_of(samples: LoopSamples, late: PositionController) -> PositionController:
