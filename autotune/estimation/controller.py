@@ -592,10 +592,9 @@ def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: P
     """Recordings with the friction that their controller feeds forward told apart, where it has a law only then.
 
     `data`: the recordings made ready, row by row. What is told is known from the reference alone, and stands in the
-    column `torque_feedforward` from there on: fit, twin and comparison take it for what it is. Without repeats nothing
-    tells what such a drive makes of counts (`find_controller`), and it is not asked.
+    column `torque_feedforward` from there on: fit, twin and comparison take it for what it is.
     """
-    if not (data.repeated and data.closed) or _of_all_rows(find_controller(data, policy)):
+    if not data.closed or _of_all_rows(find_controller(data, policy)):
         return recordings
     samples = loop_samples(data, policy)
     fed = KNOWN_FED.answer(_mark(samples), lambda: friction_fed_forward(samples))

@@ -368,12 +368,15 @@ def searched_late(samples: LoopSamples) -> PositionController:
 class FrictionFed:
     """Friction that a controller feeds forward: what the demand has of it, shape (n,), and its level [N m or N].
 
-    `observed`: it is fed ahead of a disturbance observer.
+    Attributes:
+        observed: it is fed ahead of a disturbance observer.
+        left: share of the demand that a law beside it leaves.
     """
 
     torque: Floats
     level: float
     observed: bool
+    left: float
 
 
 def friction_fed_forward(samples: LoopSamples) -> FrictionFed | None:
@@ -397,8 +400,10 @@ def friction_fed_forward(samples: LoopSamples) -> FrictionFed | None:
     top = float(np.max(np.abs(rate), initial=0.0))
     if top == 0.0:
         return None
-    told = (_friction_fed(samples, banded, rate, top, observed) for observed in (False, True))
-    return next((fed for fed in told if fed is not None), None)
+    plain, observed = (_friction_fed(samples, banded, rate, top, ahead) for ahead in (False, True))
+    if plain is None or observed is None:
+        return plain or observed
+    return observed if observed.left < WORTH_DELAYS * plain.left else plain
 
 
 def _friction_fed(
@@ -428,7 +433,7 @@ def _friction_fed(
     sizes = found.gains[-len(terms) :]
     if np.any(sizes <= 0.0) or found.explained <= samples.policy.controller_explains_in_band:
         return None
-    return FrictionFed(np.asarray(sizes @ terms), float(sizes[0]), observed)
+    return FrictionFed(np.asarray(sizes @ terms), float(sizes[0]), observed, 1.0 - found.explained)
 
 
 def fed_late(samples: LoopSamples, fed: Floats) -> tuple[Floats, float] | None:

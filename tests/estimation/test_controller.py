@@ -1,5 +1,7 @@
 """The one controller of both engines: known truth, known files, and what is said where they disagree."""
 
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -688,6 +690,15 @@ class _FeedsFriction(PositionController):
         return PositionController.feedforward(self, reference, before, period) + 0.04 * np.tanh(rate / 0.4)
 
 
+class _FeedsObserved(_FeedsFriction):
+    """The same ahead of a disturbance observer of 8 rad/s, whose filter makes a sum of it as well."""
+
+    def feedforward(self, reference: np.ndarray, before: float, period: float) -> np.ndarray:
+        plain = PositionController.feedforward(self, reference, before, period)
+        fed = _FeedsFriction.feedforward(self, reference, before, period) - plain
+        return plain + fed + 8.0 * period * np.cumsum(fed)
+
+
 def _twice(law: PositionController) -> Recording:
     """The same motion two times, each disturbed by chance of its own."""
     rounds = [recorded(law, seed=4, seconds=10.0), recorded(law, seed=4, seconds=10.0)]
@@ -700,9 +711,11 @@ def _twice(law: PositionController) -> Recording:
     return Recording.from_columns(columns, rounds[0].metadata, "motion", np.repeat([0, 1], rows // 2))
 
 
-def test_friction_that_a_controller_feeds_forward_is_told_and_leaves_its_law() -> None:
-    law = _FeedsFriction(TRUE.kp, TRUE.kd, TRUE.ki, TRUE.derivative_filter)
-    recording = _twice(law)
+@pytest.mark.parametrize("played", [recorded, _twice], ids=["once", "twice"])
+def test_friction_that_a_controller_feeds_forward_is_told_and_leaves_its_law(
+    played: Callable[[PositionController], Recording],
+) -> None:
+    recording = played(_FeedsFriction(TRUE.kp, TRUE.kd, TRUE.ki, TRUE.derivative_filter))
     data = prepare([recording])
     assert not find_controller(data).usable
     (told,) = with_friction_fed([recording], data, POLICY)
@@ -713,6 +726,21 @@ def test_friction_that_a_controller_feeds_forward_is_told_and_leaves_its_law() -
     assert found.usable
     assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.05)
     assert "feeds friction forward" in told.metadata.remarks[-1]
+
+
+def test_friction_that_is_fed_forward_ahead_of_a_disturbance_observer_is_told() -> None:
+    """A PD with an observer is a PID but for what is fed forward: of a sign, the demand has the sum as well."""
+    recording = _twice(_FeedsObserved(TRUE.kp, TRUE.kd, TRUE.ki, TRUE.derivative_filter))
+    data = prepare([recording])
+    assert not find_controller(data).usable
+    (told,) = with_friction_fed([recording], data, POLICY)
+    found = find_controller(prepare([told]))
+    assert found.usable
+    assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.05)
+    assert re.search(
+        r"feeds friction forward, 0\.0(39|4|41).* N m .*ahead of a disturbance observer",
+        told.metadata.remarks[-1],
+    )
 
 
 def _feeding_late(late: int, smeared: float = 0.0, read: float = 1e-3) -> tuple[Recording, np.ndarray]:
@@ -842,8 +870,11 @@ def test_a_controller_that_feeds_none_keeps_its_recording() -> None:
     assert told[0] is recording
 
 
-def test_a_torque_that_no_controller_made_is_no_friction_fed_forward() -> None:
-    recording = _twice(TRUE)
+@pytest.mark.parametrize("played", [recorded, _twice], ids=["once", "twice"])
+def test_a_torque_that_no_controller_made_is_no_friction_fed_forward(
+    played: Callable[[PositionController], Recording],
+) -> None:
+    recording = played(TRUE)
     noise = np.random.default_rng(6).normal(0.0, 0.1, len(recording))
     other = with_torque(recording, noise)
     assert with_friction_fed([other], prepare([other]), POLICY)[0] is other
