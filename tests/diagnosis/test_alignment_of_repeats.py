@@ -56,6 +56,7 @@ from autotune.estimation.twin import loop_along
 from autotune.estimation.twin_runs import _recorded, acted_late, run_twin, run_twins, shaken
 from autotune.models import layout
 from autotune.models.drive_model import Packed, base_model
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, STAGES, TIME_CONSTANT
 from autotune.models.torque_path import delivered
 from autotune.models.torque_saturation import bent
@@ -899,6 +900,26 @@ def test_a_memory_that_a_spring_explains_as_well_is_that_spring(
     other = FittedCandidate(effect, fitted, 0.9, Explained(1.0, 0.0), None, named)
     assert plainer(problem, [memory, other], memory, 0.03) is (other if taken else memory)
     assert plainer(problem, [memory, other], other, 0.03) is other
+
+
+@pytest.mark.parametrize(
+    ("bent", "gain", "taken"), [(0.9, 0.80, True), (0.9, 0.60, False), (0.05, 0.80, False)]
+)
+def test_a_memory_without_a_name_that_predicts_no_more_than_a_spring_is_that_spring(
+    begun: Begun, bent: float, gain: float, taken: bool
+) -> None:
+    """`bent`: displacement of its element, of the travel. A spring beside another effect leaves what a sum of elements
+    bends to, and so less is left by that, of what was fitted."""
+    problem, root = begun
+    packed = Packed(root.fitted.packed.p.copy(), root.fitted.packed.on.copy())
+    packed.p[REVERSAL_MEMORY.slot("displacement_1")] = bent * problem.scales.travel
+    packed.p[REVERSAL_MEMORY.slot("torque_1")] = problem.scales.torque
+    bending = replace(root, fitted=replace(root.fitted, packed=packed))
+    memory = FittedCandidate("reversal_memory", bending, 0.81, Explained(0.88, 0.0), None, named=False)
+    error = 2.0 * root.fitted.error
+    other = replace(root, fitted=replace(root.fitted, error=error))
+    spring = FittedCandidate("spring", other, gain, Explained(0.83, 0.0), None, named=False)
+    assert plainer(problem, [memory, spring], memory, 0.03) is (spring if taken else memory)
 
 
 @pytest.mark.slow
