@@ -458,7 +458,8 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]
         * (found.presliding is not None)
         + list(facts.base)
-        + [offset_note(facts.root.fitted.packed, facts.problem.data.metadata)] * (case.verdict == NONE)
+        + [offset_note(facts.root.fitted.packed, facts.problem.data.metadata)]
+        * (case.verdict in (NONE, UNKNOWN))
         + list(not_looked_for(facts.problem, facts.evidence, facts.overlooked))
     )
     chosen = None if facts.drowned else facts.chosen

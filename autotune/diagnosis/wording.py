@@ -67,7 +67,7 @@ OFFSET = (
     "same; it is the base model's offset, and no effect that is missing."
 )
 TOLD_OFFSET = 0.01
-"""Of friction: a constant that is so large is told where nothing is missing."""
+"""Of friction: a constant that is so large is told where nothing has a name."""
 OWN_PRESLIDING = (
     "After a reversal friction comes to its level sooner than the exponential of a bristle does: one contact that is "
     "elastic until it slides. This is the base model's presliding by another law and no effect that is missing; it was "
