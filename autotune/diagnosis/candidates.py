@@ -209,18 +209,24 @@ def plainer(
     more. Where another effect is missing as well neither has a name, and such a sum bends to a part of what the other
     does: it must predict more than its end does, too, of what was not fitted.
     """
-    ends = [item for item in fits if is_end_of(item, best)]
-    if not best.named and _is_any_course(problem, best):
-        return next((item for item in ends if item.gain >= problem.policy.named * best.gain), best)
     as_much = error_left(problem, best.model_fit) + alike * best.training.fall
-    named = (item for item in ends if item.named)
-    return next((item for item in named if error_left(problem, item.model_fit) < as_much), best)
+    any_course = not best.named and is_any_course(problem, best.model_fit, best.effect)
+    predicts = problem.policy.named * best.gain if any_course else math.inf
+    ends = (item for item in fits if is_end_of(item, best))
+    return next(
+        (
+            item
+            for item in ends
+            if item.gain >= predicts or (item.named and error_left(problem, item.model_fit) < as_much)
+        ),
+        best,
+    )
 
 
-def _is_any_course(problem: Problem, item: FittedCandidate) -> bool:
-    """Whether the course of an effect could be any smooth one over so little travel."""
-    shown = EFFECTS[item.effect].shows_course
-    return shown is not None and not shown(item.model_fit.fitted.packed.p, problem.scales.travel)
+def is_any_course(problem: Problem, model_fit: ModelFit, effect: str) -> bool:
+    """Whether the course of a model's effect could be any smooth one over so little travel."""
+    shown = EFFECTS[effect].shows_course
+    return shown is not None and not shown(model_fit.fitted.packed.p, problem.scales.travel)
 
 
 def exchanged_for(chosen: FittedCandidate, item: FittedCandidate) -> tuple[set[str], set[str]]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Floats
-from autotune.diagnosis.candidates import FittedCandidate, course_predicts, explained_of_rest
+from autotune.diagnosis.candidates import FittedCandidate, course_predicts, explained_of_rest, is_any_course
 from autotune.diagnosis.contact_laws import ROUNDS, resolved
 from autotune.diagnosis.refits import judged_again, taken_out
 from autotune.diagnosis.screening import generic_gains
@@ -252,9 +252,7 @@ def _place(problem: Problem) -> Floats:
 
 def without_own_course(problem: Problem, model_fit: ModelFit) -> list[str]:
     """Effects of a model whose course could be any smooth one over so little travel."""
-    p, travel = model_fit.fitted.packed.p, problem.scales.travel
-    measures = ((name, EFFECTS[name].shows_course) for name in model_fit.effects)
-    return [name for name, shown in measures if shown is not None and not shown(p, travel)]
+    return [name for name in model_fit.effects if is_any_course(problem, model_fit, name)]
 
 
 def like_a_motor(

@@ -415,7 +415,7 @@ def _friction_fed(
     late, asked = late_samples(banded, r, y), late_rows(rate, samples, r)
 
     def fed(log_width: float, filtered: float) -> Solved:
-        terms = _in_band(samples, _fed_terms(samples, asked, sign, float(np.exp(log_width)), observed))
+        terms = _terms_in_band(samples, _fed_terms(samples, asked, sign, float(np.exp(log_width)), observed))
         return _beside_fed(late, terms, filtered)
 
     def left(log_width: float, filtered: float = smoothing) -> float:
@@ -474,7 +474,7 @@ def _fed_trials(
     [rad/s or m/s], shape (n,); and the smooth sign, its width, the delays and the filter of each."""
     forms = [(sign, share * top) for sign in SMOOTH_SIGNS for share in TURNS_OVER]
     every = [
-        _in_band(banded, _fed_terms(banded, late_rows(rate, banded, late), sign, width, summed))
+        _terms_in_band(banded, _fed_terms(banded, late_rows(rate, banded, late), sign, width, summed))
         for late in range(MOST_LATE + 2)
         for sign, width in forms
     ]
@@ -510,7 +510,7 @@ def _fed_terms(
     return np.stack([signs, sums])
 
 
-def _in_band(samples: LoopSamples, terms: Floats) -> Floats:
+def _terms_in_band(samples: LoopSamples, terms: Floats) -> Floats:
     """Terms of shape (k, n) below the frequency that models are compared at."""
     below = terms.copy()
     for one in below:
