@@ -71,8 +71,9 @@ from autotune.signals.triangle import less_run_means
 
 IMPORT_REFERENCE = "import it with one if there is: autotune data import FILE --column reference=FIELD"
 NAME_GAINS = (
-    "If you know its gains, name them: autotune data import FILE --controller 'pid kp=... kd=... ki=...'; if a torque "
-    "was added to its own (an excitation, a feedforward), name that: --column torque_feedforward=FIELD"
+    "If it is a PID whose gains you know, name them: autotune data import FILE --controller 'pid kp=... kd=... "
+    "ki=...'; if a torque was added to its own (an excitation, a feedforward), name that: --column "
+    "torque_feedforward=FIELD; if the drive filters its set points, record the reference behind that filter"
 )
 ROUNDED = 1.2
 """Times the variance that rounding to the steps of the recorded torque has."""
@@ -815,8 +816,8 @@ LATE = (
 
 def _unexplained(share: float, needed: float) -> str:
     return (
-        f"reference and position explain {100 * share:.1f} % of the torque demand as a PID controller "
-        f"would; more than {100 * needed:.1f} % are needed. {NAME_GAINS}"
+        f"reference and position explain {100 * share:.1f} % of the torque demand by the law of a PID, a cascade or "
+        f"a state controller; more than {100 * needed:.1f} % are needed. {NAME_GAINS}"
     )
 
 

@@ -281,8 +281,9 @@ def _estimate(refined: Refined, counts: Counts) -> Estimate:
     if refined.twin < 1.0:
         share = f"{100 * (1 - refined.twin):.0f} %"
         notes.append(
-            f"no closed loop twin for {share} of the data: what filters and rows far apart do to inertia and viscous "
-            "friction remains there, and the intervals do not hold it"
+            f"this fit has no closed loop twin for {share} of the data (a diagnosis may have one all the same): what "
+            "filters and rows far apart do to inertia and viscous friction remains there, and the intervals do not "
+            "hold it"
         )
     if counts.share > COUNTED:
         notes.append(
