@@ -415,7 +415,7 @@ def _friction_fed(
     late, asked = late_samples(banded, r, y), late_rows(rate, samples, r)
 
     def fed(log_width: float, filtered: float) -> Solved:
-        terms = _terms_in_band(samples, _fed_terms(samples, asked, sign, float(np.exp(log_width)), observed))
+        terms = _values_in_band(samples, _fed_terms(samples, asked, sign, float(np.exp(log_width)), observed))
         return _beside_fed(late, terms, filtered)
 
     def left(log_width: float, filtered: float = smoothing) -> float:
@@ -474,7 +474,7 @@ def _fed_trials(
     [rad/s or m/s], shape (n,); and the smooth sign, its width, the delays and the filter of each."""
     forms = [(sign, share * top) for sign in SMOOTH_SIGNS for share in TURNS_OVER]
     every = [
-        _terms_in_band(banded, _fed_terms(banded, late_rows(rate, banded, late), sign, width, summed))
+        _values_in_band(banded, _fed_terms(banded, late_rows(rate, banded, late), sign, width, summed))
         for late in range(MOST_LATE + 2)
         for sign, width in forms
     ]
@@ -508,15 +508,6 @@ def _fed_terms(
     for rows in samples.stretches:
         sums[rows] = np.cumsum(signs[rows]) * samples.period
     return np.stack([signs, sums])
-
-
-def _terms_in_band(samples: LoopSamples, terms: Floats) -> Floats:
-    """Terms of shape (k, n) below the frequency that models are compared at."""
-    below = terms.copy()
-    for one in below:
-        for rows in samples.stretches:
-            one[rows] = low_pass(one[rows], compared_below(samples.period), samples.period)
-    return below
 
 
 def _beside_fed(late: LoopSamples, fed: Floats, smoothing: float) -> Solved:
@@ -652,18 +643,22 @@ def in_band(samples: LoopSamples) -> LoopSamples:
     What a drive makes of counts between the samples, and the noise of a torque sensor, lie above it. Low-passes and
     the law may change places: both are linear, but for the clamped sum.
     """
-    cutoff = compared_below(samples.period)
-    banded = [
-        samples.reference.copy(),
-        in_time(samples.position, samples.stretches, step_of(samples.position)),
-        samples.demand.copy(),
-    ]
-    for rows in samples.stretches:
-        for values in banded:
-            values[rows] = low_pass(values[rows], cutoff, samples.period)
-    reach = 2 * round(0.5 / (cutoff * samples.period)) + 1
+    moved = in_time(samples.position, samples.stretches, step_of(samples.position))
+    reference, position, demand = _values_in_band(
+        samples, np.stack([samples.reference, moved, samples.demand])
+    )
+    reach = 2 * round(0.5 / (compared_below(samples.period) * samples.period)) + 1
     near = scipy.ndimage.maximum_filter1d(samples.clamped, reach)
-    return replace(samples, reference=banded[0], position=banded[1], demand=banded[2], clamped=near)
+    return replace(samples, reference=reference, position=position, demand=demand, clamped=near)
+
+
+def _values_in_band(samples: LoopSamples, values: Floats) -> Floats:
+    """Values of shape (k, n) below the frequency that models are compared at, stretch by stretch."""
+    below = values.copy()
+    for one in below:
+        for rows in samples.stretches:
+            one[rows] = low_pass(one[rows], compared_below(samples.period), samples.period)
+    return below
 
 
 def first_look(samples: LoopSamples) -> LoopSamples:
