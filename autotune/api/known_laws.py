@@ -32,14 +32,15 @@ from autotune.core.durable import read_checked, write_checked
 from autotune.core.errors import ConfigurationError
 from autotune.core.kernel_cache import digest
 from autotune.diagnosis.compare import STATED
-from autotune.estimation.controller import KNOWN_FED, KNOWN_LAWS
+from autotune.estimation.controller import KNOWN_LAWS
 from autotune.estimation.controller_law import PositionController
+from autotune.estimation.controller_unsaid import KNOWN_FED, KNOWN_FILTERS
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.model_error import TOLD_LAWS
 from autotune.recordings.checksum import content_checksum
 from autotune.recordings.recording import Recording
 
-SCHEMA = 2
+SCHEMA = 3
 ENDING = ".laws.json"
 Made = TypeVar("Made", PositionController, Disturbance)
 
@@ -49,9 +50,16 @@ def keep_laws(model: Path, recordings: Sequence[Recording]) -> None:
     laws = {mark: [_values(law) for law in found] for mark, found in KNOWN_LAWS.answers().items()}
     told = {mark: [_values(law), _values(by)] for mark, (law, by) in TOLD_LAWS.answers().items()}
     unfed = [mark for mark, column in KNOWN_FED.answers().items() if column is None]
+    filters = KNOWN_FILTERS.answers()
     stated = {mark: error for mark, error in STATED.answers().items() if all(map(math.isfinite, error))}
     about = {"schema": SCHEMA, "code": _code(), "recordings": _content(recordings)}
-    answers = {"laws": laws, "told": told, "feeds_no_friction": unfed, "stated": stated}
+    answers = {
+        "laws": laws,
+        "told": told,
+        "set_point_filters": filters,
+        "feeds_no_friction": unfed,
+        "stated": stated,
+    }
     with suppress(OSError):  # a full disk costs the next command time, and this one not its answer
         write_checked(model.with_suffix(ENDING), finite(about | answers))
 
@@ -73,12 +81,17 @@ def take_laws(model: Path, recordings: Sequence[Recording]) -> bool:
             mark: (_made(PositionController, law), _made(Disturbance, by))
             for mark, (law, by) in content["told"].items()
         }
+        filters = {
+            mark: found and (int(found[0]), float(found[1]))
+            for mark, found in content["set_point_filters"].items()
+        }
         unfed = {str(mark): None for mark in content["feeds_no_friction"]}
         stated = {mark: (float(rms), float(share)) for mark, (rms, share) in content["stated"].items()}
     except (AttributeError, KeyError, TypeError, ValueError):
         return False
     KNOWN_LAWS.told(laws)
     TOLD_LAWS.told(told)
+    KNOWN_FILTERS.told(filters)
     KNOWN_FED.told(unfed)
     STATED.told(stated)
     return True

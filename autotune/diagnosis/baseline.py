@@ -37,7 +37,6 @@ from autotune.estimation.contact_start import (
     usually_damped,
 )
 from autotune.estimation.controller import (
-    TOLD_OF_LOOP,
     as_acted,
     as_recorded,
     by_sensor_compared,
@@ -46,6 +45,7 @@ from autotune.estimation.controller import (
 )
 from autotune.estimation.controller_between import AS_MUCH
 from autotune.estimation.controller_law import PositionController
+from autotune.estimation.controller_unsaid import TOLD_OF_LOOP
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import by_certainty, estimate_disturbance, with_expected_noise

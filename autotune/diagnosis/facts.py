@@ -18,7 +18,7 @@ from autotune.diagnosis.candidates import (
 )
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
-from autotune.diagnosis.evidence.limit_cycle import hunts_alike, limit_cycle
+from autotune.diagnosis.evidence.repeated import hunts_alike, limit_cycle
 from autotune.diagnosis.evidence.time_driven import (
     TimeLine,
     breathing_friction,

@@ -39,12 +39,15 @@ from autotune.estimation.alignment import (
 from autotune.estimation.controller import (
     as_read,
     find_controller,
+)
+from autotune.estimation.controller_law import PositionController
+from autotune.estimation.controller_unsaid import (
     with_feedforward_late,
     with_friction_fed,
+    with_set_points_filtered,
     with_torque_added,
     with_torque_limit,
 )
-from autotune.estimation.controller_law import PositionController
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import (
     CUTOFF,
@@ -474,6 +477,7 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     for with_what_was_not_said in (
         with_torque_limit,
         with_feedforward_late,
+        with_set_points_filtered,
         with_friction_fed,
         with_torque_added,
     ):

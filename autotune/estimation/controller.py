@@ -7,16 +7,15 @@ The law: `controller_law`; how it is found in the data: `controller_search`, and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.remembered import Remembered, digest_of
-from autotune.core.units import percent, torque_symbol
+from autotune.core.units import percent
 from autotune.estimation.alignment import a_row_sooner, recorded_late, shifted
 from autotune.estimation.controller_between import (
     answering_late,
@@ -47,12 +46,7 @@ from autotune.estimation.controller_law import (
     smeared_samples,
 )
 from autotune.estimation.controller_search import (
-    ANY_FILTER,
     EXACT,
-    WORTH_DELAYS,
-    FrictionFed,
-    fed_late,
-    friction_fed_forward,
     law_from_data,
     plain_in_band,
     plainly_better,
@@ -61,8 +55,7 @@ from autotune.estimation.data import Prepared, known_resolution, read_without, s
 from autotune.estimation.disturbance import positions_read
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.twin_runs import slower, slower_in
-from autotune.recordings.checks import at_limit, noisy_limit, torque_of
-from autotune.recordings.held_rows import SET_POINTS_STAND
+from autotune.recordings.checks import at_limit, torque_of
 from autotune.recordings.recording import OF_FILTER, Controller, Recording
 from autotune.signals.between_samples import between_moments
 from autotune.signals.filters import low_pass
@@ -86,43 +79,8 @@ AS_ACTED = (
     "The torque was read as each row begins, behind a drive that goes on lines from one set point to the next: what "
     "acts in the row was told from it by the drive's law."
 )
-FEEDS_FRICTION = "The controller feeds friction forward, "
-FRICTION_FED = (
-    FEEDS_FRICTION + "{:.3g} {} by the sign of its reference's speed{}; that was told by its demand."
-)
-OBSERVED = ", ahead of a disturbance observer"
-LOGGED_FEEDFORWARD = "The feedforward in the file "
-FED_LATE = LOGGED_FEEDFORWARD + (
-    "is in the torque {:.2g} rows ({:.2g} ms) later: it was logged as it was asked for, "
-    "before the dead time of the loop. It is taken as it acts."
-)
-ADDED = "To the controller's torque another one was added "
-TORQUE_ADDED = ADDED + (
-    "in '{names}', which no column of the file holds: what the controller's law, as it is in all other experiments, "
-    "does not ask for there was taken for it."
-)
-KICKED = (
-    " It is largest where the speed of the reference steps: an acceleration feedforward kicks the axis there, for less "
-    "than a row. Where that is so, round the reference off, and record again."
-)
-LIMITED = "The torque is cut off at about "
-TORQUE_LIMITED = LIMITED + (
-    "{:.3g} {unit}, as its noise lets one see: only so has the controller a law. If you know the limit, name it: "
-    "autotune data import FILE --torque-limit LIMIT"
-)
-LEFT_BY_A_LIMIT = 0.5
-"""Of what a law without a limit leaves unexplained: what one at the limit leaves at most that is no mere top."""
-TOLD_OF_LOOP = (AS_READ, FEEDS_FRICTION, LOGGED_FEEDFORWARD, ADDED, LIMITED, SET_POINTS_STAND)
-"""How remarks begin that tell what was found out about the loop."""
-KICK, NEAR_KICK = 5.0, 2
-"""Times the second differences that a hundredth of the rows exceeds: a step of the speed; and the rows beside it."""
-MOST_ADDED, LEAST_LEFT, FAR_LESS = 3, 0.5, 0.5
-"""Experiments that a torque may be added in; of the rows, what must be left to tell the law; and what a law's terms may
-leave of the demand without such an experiment, of what they leave with it."""
 _ASKED: Remembered[Floats] = Remembered(12)
 KNOWN_LAWS: Remembered[tuple[PositionController, ...]] = Remembered()
-KNOWN_FED: Remembered[FrictionFed | None] = Remembered(4)
-_KNOWN_ADDED: Remembered[tuple[Floats, tuple[str, ...]] | None] = Remembered(4)
 
 
 def is_closed(recording: Recording) -> bool:
@@ -197,7 +155,7 @@ def controllers_of(
         late = _remembered(b"late", samples, lambda: answering_late(samples, between))
     else:
         acted = loop_samples(felt(data), policy)
-        what = b"follows" + repr(_mark(samples)).encode()
+        what = b"follows" + repr(mark_of_samples(samples)).encode()
         late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, between)))
         if part is None:
             other = by_sensor(acted, between) if quiet is data else _demanded(samples)
@@ -512,7 +470,7 @@ def as_read(recording: Recording, law: PositionController) -> Recording:
     position = positions_read(_samples_of(recording), law, counts)
     if position is None:
         return recording
-    return _with_column(recording, "position", position, AS_READ)
+    return with_column(recording, "position", position, AS_READ)
 
 
 def as_acted_in_rows(recording: Recording, data: Prepared) -> Recording:
@@ -528,187 +486,13 @@ def as_acted_in_rows(recording: Recording, data: Prepared) -> Recording:
         return recording
     column = "torque_command" if "torque_command" in recording else "torque"
     torque = torque_of(recording) + _off_by_reading(_samples_of(recording), law)
-    return _with_column(recording, column, torque, AS_ACTED)
+    return with_column(recording, column, torque, AS_ACTED)
 
 
-def _with_column(recording: Recording, name: str, values: Floats, remark: str) -> Recording:
+def with_column(recording: Recording, name: str, values: Floats, remark: str) -> Recording:
     """The recording with other values in a column, and a remark on why."""
     told = replace(recording, floats=MappingProxyType({**recording.floats, name: values}))
     return told.with_metadata(remarks=(*recording.metadata.remarks, remark))
-
-
-def with_feedforward_late(
-    recordings: Sequence[Recording], data: Prepared, policy: Policy
-) -> Sequence[Recording]:
-    """Recordings with their feedforward as late as it is in the torque, where that tells more of their controller.
-
-    As in `with_friction_fed`.
-    """
-    if not (data.closed and np.any(data.feedforward)):
-        return recordings
-    before = find_controller(data, policy)
-    found = None if before.exact else fed_late(loop_samples(data, policy), data.feedforward)
-    if found is None:
-        return recordings
-    acts, late = found
-    after = find_controller(replace(data, feedforward=acts), policy)
-    if not _of_all_rows(after) or (_of_all_rows(before) and not _tells_more(after, before)):
-        return recordings
-    return _with_feedforward(recordings, acts, FED_LATE.format(late, 1e3 * late * data.period))
-
-
-def _tells_more(law: PositionController, other: PositionController) -> bool:
-    """Whether a law is one of the rows and the other told below the compared frequency only, or leaves half."""
-    if law.in_band != other.in_band:
-        return other.in_band
-    return 1.0 - law.explained < WORTH_DELAYS * (1.0 - other.explained)
-
-
-def with_torque_limit(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:
-    """Recordings with the limit that a noisy torque is cut off at, where their controller has a law only then.
-
-    As in `with_friction_fed`. At a limit the sum of the controller stops, and what it asks for from there on is another
-    than its law's; but a measured torque scatters about it, and none of its values comes again (`clamped`).
-    """
-    if data.metadata.torque_limit is not None or not data.closed:
-        return recordings
-    before = find_controller(data, policy)
-    limit = None if _of_all_rows(before) else noisy_limit(data.recorded_torque)
-    if limit is None:
-        return recordings
-    limited = replace(data, metadata=replace(data.metadata, torque_limit=limit))
-    after = find_controller(limited, policy)
-    if not after.usable or (before.usable and not _of_all_rows(after)):
-        return recordings
-    if 1.0 - after.explained > LEFT_BY_A_LIMIT * (1.0 - before.explained):
-        return recordings
-    unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
-    said = TORQUE_LIMITED.format(limit, unit=unit)
-    return [
-        one.with_metadata(torque_limit=limit, remarks=(*one.metadata.remarks, said)) for one in recordings
-    ]
-
-
-def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:
-    """Recordings with the friction that their controller feeds forward told apart, where it has a law only then.
-
-    `data`: the recordings made ready, row by row. What is told is known from the reference alone, and stands in the
-    column `torque_feedforward` from there on: fit, twin and comparison take it for what it is.
-    """
-    if not data.closed or _of_all_rows(find_controller(data, policy)):
-        return recordings
-    samples = loop_samples(data, policy)
-    fed = KNOWN_FED.answer(_mark(samples), lambda: friction_fed_forward(samples))
-    if fed is None:
-        return recordings
-    whole = data.feedforward + fed.torque
-    if not _of_all_rows(find_controller(replace(data, feedforward=whole), policy)):
-        return recordings
-    unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
-    said = FRICTION_FED.format(fed.level, unit, OBSERVED if fed.observed else "")
-    return _with_feedforward(recordings, whole, said)
-
-
-def with_torque_added(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:
-    """Recordings with a torque told that some experiments add to their controller's and no column holds, where there is
-    a law only then; as in `with_friction_fed`.
-
-    An excitation is often added in the drive, and a law of the loop is told in all rows or in none. In experiments
-    without it the law is as it is.
-    """
-    if not (data.repeated and data.closed) or _of_all_rows(find_controller(data, policy)):
-        return recordings
-    samples = loop_samples(data, policy)
-    names = np.concatenate([recording.experiment for recording in recordings])
-    found = _KNOWN_ADDED.answer(
-        (_mark(samples), digest_of(np.unique(names, return_inverse=True)[1])),
-        lambda: _torque_added(data, samples, names),
-    )
-    if found is None:
-        return recordings
-    added, where = found
-    if not _of_all_rows(find_controller(replace(data, feedforward=data.feedforward + added), policy)):
-        return recordings
-    said = TORQUE_ADDED.format(names="', '".join(where))
-    if _is_kicked(data, added, np.isin(names, where)):
-        said += KICKED
-    return _with_feedforward(recordings, data.feedforward + added, said)
-
-
-def _is_kicked(data: Prepared, added: Floats, within: Flags) -> bool:
-    """Whether a torque that is added, shape (n,), is largest in rows where the reference's speed steps."""
-    bent = np.zeros(len(added))
-    for stretch in data.stretches:
-        bent[stretch.rows][1:-1] = np.abs(np.diff(data.reference[stretch.rows], 2))
-    largest = int(np.argmax(np.abs(added)))
-    there = bent[max(largest - NEAR_KICK, 0) : largest + NEAR_KICK + 1].max()
-    return bool(there > KICK * np.quantile(bent[within], 0.99))
-
-
-def _torque_added(
-    data: Prepared, samples: LoopSamples, names: NDArray[np.str_]
-) -> tuple[Floats, tuple[str, ...]] | None:
-    """What experiments add to the controller's torque, shape (n,), and which do; None where no few of them do."""
-    terms = np.column_stack([law_terms(samples, ANY_FILTER), np.ones(len(names))])
-    terms /= np.maximum(np.linalg.norm(terms, axis=0), 1e-300)
-    controlled = np.zeros(len(names), dtype=np.bool_)
-    for rows in samples.stretches:
-        controlled[rows] = True
-    outside: list[str] = []
-    while len(outside) < MOST_ADDED:
-        name = _unlike_others(terms, samples.demand, names, controlled & ~np.isin(names, outside))
-        if name is None:
-            return None
-        outside.append(name)
-        out = np.isin(names, outside)
-        law = identified(replace(samples, stretches=_rows_left(samples, out)))
-        if not _of_all_rows(law):
-            continue
-        added = data.torque - asked(data, law)
-        for rows in samples.stretches:
-            rest = added[rows][~out[rows]]
-            added[rows] -= float(np.median(rest)) if len(rest) else 0.0
-        return np.where(out, added, 0.0), tuple(outside)
-    return None
-
-
-def _unlike_others(terms: Floats, demand: Floats, names: NDArray[np.str_], within: Flags) -> str | None:
-    """The experiment without which a law's terms, shape (n, k), explain far more of the demand in the others `within`.
-
-    None where there is none of which enough rows are left without it.
-    """
-
-    def left(rows: Flags) -> float:
-        table, wanted = terms[rows], demand[rows]
-        gains = np.linalg.lstsq(table.T @ table, table.T @ wanted, rcond=1e-12)[0]
-        return float(np.var(wanted - table @ gains)) / max(float(np.var(wanted)), 1e-300)
-
-    there, counts = np.unique(names[within], return_counts=True)
-    small = there[counts <= within.sum() - LEAST_LEFT * len(names)].tolist()
-    shares = {name: left(within & (names != name)) for name in small}
-    best = min(shares, key=lambda name: shares[name], default=None)
-    return best if best is not None and shares[best] <= FAR_LESS * left(within) else None
-
-
-def _rows_left(samples: LoopSamples, out: Flags) -> tuple[slice, ...]:
-    """The stretches without some rows, those of a second at least."""
-    left = []
-    for rows in samples.stretches:
-        runs = runs_of(~out[rows])
-        left += [slice(rows.start + a, rows.start + b) for a, b in runs if (b - a) * samples.period >= 1.0]
-    return tuple(left)
-
-
-def _with_feedforward(recordings: Sequence[Recording], torque: Floats, said: str) -> list[Recording]:
-    """Recordings with a torque beside the controller's in a column of its own, and a remark on it."""
-    edges = np.cumsum([len(recording) for recording in recordings])[:-1]
-    parts = zip(recordings, np.split(torque, edges), strict=True)
-    return [_with_column(recording, "torque_feedforward", part, said) for recording, part in parts]
-
-
-def _of_all_rows(law: PositionController) -> bool:
-    """Whether a law was found, and not in quick rows alone, where a constant a second may stand for fed friction."""
-    return law.usable and not law.quick
 
 
 def clamped(torque: Floats, limit: float | None) -> Flags:
@@ -739,7 +523,7 @@ def identified(samples: LoopSamples) -> PositionController:
 def _remembered(
     what: bytes, samples: LoopSamples, find: Callable[[], tuple[PositionController, ...]]
 ) -> tuple[PositionController, ...]:
-    return KNOWN_LAWS.answer((what, *_mark(samples)), find)
+    return KNOWN_LAWS.answer((what, *mark_of_samples(samples)), find)
 
 
 def _to_rounding(samples: LoopSamples, explained: float) -> bool:
@@ -749,7 +533,7 @@ def _to_rounding(samples: LoopSamples, explained: float) -> bool:
     return (1.0 - explained) * float(np.var(samples.demand)) < least
 
 
-def _mark(samples: LoopSamples) -> tuple[bytes, str]:
+def mark_of_samples(samples: LoopSamples) -> tuple[bytes, str]:
     """What tells samples apart: a digest of all that a law is identified from."""
     read = samples.period, samples.stretches, samples.known, samples.policy
     rest = *read, samples.most_rows, samples.piece, samples.rounded

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -37,7 +37,6 @@ from autotune.signals.filters import low_pass
 from autotune.signals.late_rows import in_time
 from autotune.signals.line_search import lowest, settled
 from autotune.signals.rounded_recursion import ROUNDED, gains_of_recursion, rows_told
-from autotune.signals.smooth_sign import SMOOTH_SIGNS
 from autotune.signals.triangle import Solved, reduced
 
 PIECE_SECONDS = 3.0
@@ -60,8 +59,6 @@ NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
 """Share of the demand left from which laws with delays are looked for, and of what is left, to be taken."""
 ANY_FILTER = 0.5
 """Share of a new difference in the filtered one, where only the terms of some law are wanted."""
-AS_FED = 0.1
-"""Relative: by how much a feedforward may be another one in the torque than in its column, as units are rounded."""
 HARDLY_MORE = 1.01
 """Times the share left by a late law with all terms of the reference: a plainer one that leaves no more is taken."""
 AROUND_ROW = range(-2, 3)
@@ -74,14 +71,9 @@ PLANNED = (
     "The controller feeds forward what its planner knows of each row: its rate, its acceleration, or both."
 )
 IN_BAND = "The controller was found below {:.0f} Hz: what the drive does between the samples is left out."
-TURNS_OVER = (1e-5, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
-"""Of the reference's top speed: over which friction that is fed forward turns, from a plain sign to what hardly differs
-from a velocity feedforward."""
 ROUGHLY = 3e-3
 """Of a derivative filter: to how much a first look finds it."""
-FINELY = 0.01
-"""Of the speed over which a fed sign turns: to how much it is found."""
-_ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
+ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
 _SPANNING, QUICK_ROWS = (0.1, 0.3, 0.6, 1.0), 3_000
 """Filters whose mixtures are near any, and rows of a first look with all of them."""
 OFF_IN_ANY = 10.0
@@ -364,159 +356,6 @@ def searched_late(samples: LoopSamples) -> PositionController:
     return replace(found, reference_delay=r, position_delay=y, why=how_late(samples.period, r, y))
 
 
-@dataclass(frozen=True, slots=True)
-class FrictionFed:
-    """Friction that a controller feeds forward: what the demand has of it, shape (n,), and its level [N m or N].
-
-    Attributes:
-        observed: it is fed ahead of a disturbance observer.
-        left: share of the demand that a law beside it leaves.
-    """
-
-    torque: Floats
-    level: float
-    observed: bool
-    left: float
-
-
-def friction_fed_forward(samples: LoopSamples) -> FrictionFed | None:
-    """Coulomb friction that a controller adds by the sign of its reference's speed.
-
-    None where no law of the samples explains enough for a twin with it either.
-
-    Feedforward of friction is as usual in drives and robots as that of inertia. It is known from the reference but for
-    its size, which is linear beside the law's gains, and the speed over which the sign is smoothed. Both are told below
-    the frequency that models are compared at, so that it need not be known how the drive works between the samples.
-
-    Ahead of a disturbance observer the demand has its sum as well. With the observer's filter g/(s + g) the demand is
-    u = (1 + g/s)·w - g·J·v, where w is what is asked without it (Ohnishi et al. 1996, IEEE/ASME Transactions on
-    Mechatronics 1): of a PD and of all that is fed forward by the reference's derivatives this makes a PID, of a sign
-    the sign and g times its sum.
-    """
-    banded = in_band(replace(samples, piece=PIECE_SECONDS))
-    rate = np.zeros(len(samples.reference))
-    for rows in samples.stretches:
-        rate[rows] = np.diff(samples.reference[rows], prepend=samples.reference[rows.start]) / samples.period
-    top = float(np.max(np.abs(rate), initial=0.0))
-    if top == 0.0:
-        return None
-    plain, observed = (_friction_fed(samples, banded, rate, top, ahead) for ahead in (False, True))
-    if plain is None or observed is None:
-        return plain or observed
-    return observed if observed.left < WORTH_DELAYS * plain.left else plain
-
-
-def _friction_fed(
-    samples: LoopSamples, banded: LoopSamples, rate: Floats, top: float, observed: bool
-) -> FrictionFed | None:
-    """What is fed forward by the sign of the reference's `rate`, and by its sum ahead of an observer; as above."""
-    best = max(_fed_trials(banded, rate, top, observed), key=lambda trial: trial[0])
-    _, sign, width, (r, y), smoothing = best
-    late, asked = late_samples(banded, r, y), late_rows(rate, samples, r)
-
-    def fed(log_width: float, filtered: float) -> Solved:
-        terms = _values_in_band(samples, _fed_terms(samples, asked, sign, float(np.exp(log_width)), observed))
-        return _beside_fed(late, terms, filtered)
-
-    def left(log_width: float, filtered: float = smoothing) -> float:
-        return 1.0 - fed(log_width, filtered).explained
-
-    sharp = float(np.log(width))
-    reach = float(np.log(TURNS_OVER[-1] / TURNS_OVER[-2]))
-    sharp = lowest(left, (sharp - reach, sharp + reach), FINELY)
-    place = _ROUGH_FILTERS.index(smoothing)
-    near = _ROUGH_FILTERS[max(place - 1, 0)], _ROUGH_FILTERS[min(place + 1, len(_ROUGH_FILTERS) - 1)]
-    smoothing = lowest(partial(left, sharp), near, ROUGHLY)
-    sharp = lowest(partial(left, filtered=smoothing), (sharp - 0.5 * reach, sharp + 0.5 * reach), FINELY)
-    found = fed(sharp, smoothing)
-    terms = _fed_terms(samples, asked, sign, float(np.exp(sharp)), observed)
-    sizes = found.gains[-len(terms) :]
-    if np.any(sizes <= 0.0) or found.explained <= samples.policy.controller_explains_in_band:
-        return None
-    return FrictionFed(np.asarray(sizes @ terms), float(sizes[0]), observed, 1.0 - found.explained)
-
-
-def fed_late(samples: LoopSamples, fed: Floats) -> tuple[Floats, float] | None:
-    """A recorded feedforward, shape (n,), as it is in the torque, and how many rows later that is; None where it is in
-    step with it, or where nothing tells.
-
-    A host logs what it asks for in a row, and the torque that its drive tells of has all of that rows later: after its
-    dead time, and smeared over two rows by a current loop. Any law of the last rows of reference and position stands
-    for the rest, so that none need be known.
-    """
-    chosen, run = law_rows(samples, ANY_FILTER)
-    rows = range(MOST_LATE + 3)
-    own = [late_rows(fed, samples, late)[chosen] for late in rows]
-    seen = [samples.reference, samples.position]
-    past = [late_rows(values, samples, late)[chosen] for values in seen for late in rows]
-    past.append(law_terms(samples, ANY_FILTER)[chosen, 2])
-    triangle = reduced([*past, *own], (samples.demand + fed)[chosen], run)
-
-    def beside_law(*late: int) -> Solved:
-        places = [*range(len(past)), *(len(past) + one for one in late)]
-        return triangle.fitted(np.eye(len(past) + len(own))[:, places])
-
-    fits = [beside_law(late, late + 1) for late in rows[:-1]]
-    late = max(rows[:-1], key=lambda one: fits[one].explained)
-    whole, last = float(fits[late].gains[-2:].sum()), float(fits[late].gains[-1])
-    in_step = 1.0 - beside_law(0).explained
-    if 1.0 - fits[late].explained > WORTH_DELAYS * in_step or abs(whole - 1.0) > AS_FED:
-        return None
-    share = min(max(last / whole, 0.0), 1.0)
-    acts = whole * ((1.0 - share) * late_rows(fed, samples, late) + share * late_rows(fed, samples, late + 1))
-    return acts, late + share
-
-
-def _fed_trials(
-    banded: LoopSamples, rate: Floats, top: float, summed: bool
-) -> Iterator[tuple[float, Callable[[Floats, float], Floats], float, tuple[int, int], float]]:
-    """Share explained by the laws of all delays and rough filters with friction fed forward by the reference's `rate`
-    [rad/s or m/s], shape (n,); and the smooth sign, its width, the delays and the filter of each."""
-    forms = [(sign, share * top) for sign in SMOOTH_SIGNS for share in TURNS_OVER]
-    every = [
-        _values_in_band(banded, _fed_terms(banded, late_rows(rate, banded, late), sign, width, summed))
-        for late in range(MOST_LATE + 2)
-        for sign, width in forms
-    ]
-    own = len(every[0])
-    quick = replace(banded, most_rows=ROUGH_ROWS)
-    for smoothing in _ROUGH_FILTERS:
-        chosen, run = law_rows(quick, smoothing)
-        seen = [_seen_late(quick, quick.reference, smoothing, late) for late in range(MOST_LATE + 2)]
-        moved = [_seen_late(quick, quick.position, smoothing, late)[:3] for late in range(MOST_LATE + 1)]
-        table = np.concatenate([*seen, *moved, *every])[:, chosen]
-        triangle = reduced(table, quick.demand[chosen], run)
-        for r in range(MOST_LATE + 2):
-            for y in range(min(r, MOST_LATE) + 1):
-                mixing = _late_mixing(r, y)
-                for i, (sign, width) in enumerate(forms):
-                    whole = np.zeros((len(table), mixing.shape[1] + own))
-                    whole[: len(mixing), :-own] = mixing
-                    first = len(mixing) + own * (r * len(forms) + i)
-                    whole[first : first + own, -own:] = np.eye(own)
-                    yield triangle.fitted(whole).explained, sign, width, (r, y), smoothing
-
-
-def _fed_terms(
-    samples: LoopSamples, rate: Floats, sign: Callable[[Floats, float], Floats], width: float, summed: bool
-) -> Floats:
-    """A smooth sign of a rate of shape (n,), and its sum over time [s] where that is asked; shape (1 or 2, n)."""
-    signs = sign(rate, width)
-    if not summed:
-        return signs[None]
-    sums = np.zeros(len(signs))
-    for rows in samples.stretches:
-        sums[rows] = np.cumsum(signs[rows]) * samples.period
-    return np.stack([signs, sums])
-
-
-def _beside_fed(late: LoopSamples, fed: Floats, smoothing: float) -> Solved:
-    """All terms of a law beside what is fed forward, shape (k, n), whose sizes come last."""
-    chosen, run = law_rows(replace(late, most_rows=ROUGH_ROWS), smoothing)
-    table = np.concatenate([law_terms(late, smoothing).T, fed])[:, chosen]
-    return reduced(table, late.demand[chosen], run).fitted()
-
-
 def _plain_of(samples: LoopSamples, late: PositionController) -> PositionController:
     """The plain law of the same delays, where that leaves no more of the demand than rounding does; else the law."""
     r, y = late.reference_delay, late.position_delay
@@ -539,8 +378,8 @@ def _best_delays(samples: LoopSamples) -> tuple[int, int]:
 
     def left(delays: tuple[int, int]) -> float:
         late = late_samples(samples, *delays)
-        place = _ROUGH_FILTERS.index(rough[delays].derivative_filter)
-        near = _ROUGH_FILTERS[max(place - 1, 0)], _ROUGH_FILTERS[min(place + 1, len(_ROUGH_FILTERS) - 1)]
+        place = ROUGH_FILTERS.index(rough[delays].derivative_filter)
+        near = ROUGH_FILTERS[max(place - 1, 0)], ROUGH_FILTERS[min(place + 1, len(ROUGH_FILTERS) - 1)]
         best = lowest(lambda one: 1.0 - _fitted_late(late, float(one)).explained, near, ROUGHLY)
         return 1.0 - max(_fitted_late(late, best).explained, rough[delays].explained)
 
@@ -552,17 +391,17 @@ def _late_trials(samples: LoopSamples) -> Iterator[tuple[PositionController, int
 
     All delays of one filter are in one triangle.
     """
-    for smoothing in _ROUGH_FILTERS:
+    for smoothing in ROUGH_FILTERS:
         chosen, run = law_rows(samples, smoothing)
-        seen = [_seen_late(samples, samples.reference, smoothing, late) for late in range(MOST_LATE + 2)]
-        moved = [_seen_late(samples, samples.position, smoothing, late)[:3] for late in range(MOST_LATE + 1)]
+        seen = [seen_late(samples, samples.reference, smoothing, late) for late in range(MOST_LATE + 2)]
+        moved = [seen_late(samples, samples.position, smoothing, late)[:3] for late in range(MOST_LATE + 1)]
         triangle = reduced(np.concatenate([*seen, *moved])[:, chosen], samples.demand[chosen], run)
         for r in range(MOST_LATE + 2):
             for y in range(min(r, MOST_LATE) + 1):
-                yield whole_law(triangle.fitted(_late_mixing(r, y)), smoothing), r, y
+                yield whole_law(triangle.fitted(late_mixing(r, y)), smoothing), r, y
 
 
-def _seen_late(samples: LoopSamples, values: Floats, smoothing: float, late: int) -> Floats:
+def seen_late(samples: LoopSamples, values: Floats, smoothing: float, late: int) -> Floats:
     """Values some samples ago, their held sum, their filtered rate, their rate and its change, shape (5, n)."""
     shown, h = late_rows(values, samples, late), samples.period
     terms = np.zeros((5, len(values)))
@@ -577,7 +416,7 @@ def _seen_late(samples: LoopSamples, values: Floats, smoothing: float, late: int
     return terms
 
 
-def _late_mixing(r: int, y: int) -> Floats:
+def late_mixing(r: int, y: int) -> Floats:
     """Terms as in `law_terms` as mixtures of what `_late_trials` reduces, of a reference and a position so late."""
     wanted, moved = 5 * r, 5 * (MOST_LATE + 2) + 3 * y
     mixing = np.zeros((5 * (MOST_LATE + 2) + 3 * (MOST_LATE + 1), 7))
@@ -644,7 +483,7 @@ def in_band(samples: LoopSamples) -> LoopSamples:
     the law may change places: both are linear, but for the clamped sum.
     """
     moved = in_time(samples.position, samples.stretches, step_of(samples.position))
-    reference, position, demand = _values_in_band(
+    reference, position, demand = values_in_band(
         samples, np.stack([samples.reference, moved, samples.demand])
     )
     reach = 2 * round(0.5 / (compared_below(samples.period) * samples.period)) + 1
@@ -652,7 +491,7 @@ def in_band(samples: LoopSamples) -> LoopSamples:
     return replace(samples, reference=reference, position=position, demand=demand, clamped=near)
 
 
-def _values_in_band(samples: LoopSamples, values: Floats) -> Floats:
+def values_in_band(samples: LoopSamples, values: Floats) -> Floats:
     """Values of shape (k, n) below the frequency that models are compared at, stretch by stretch."""
     below = values.copy()
     for one in below:

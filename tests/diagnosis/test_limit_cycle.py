@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis.evidence import limit_cycle
+from autotune.diagnosis.evidence import repeated
 from autotune.estimation.data import TRAINING, Block
 
 COUNT, BLOCKS = 400, 4
@@ -44,7 +44,7 @@ def test_a_limit_cycle_is_told_where_it_outweighs_friction(
     hum = _hunting(105.0, level)
     motion = loud * np.sign(np.sin(2.0 * np.pi * np.arange(len(hum)) / COUNT))
     problem.data.torque = hum + motion
-    assert limit_cycle.limit_cycle(problem, coulomb) == (pytest.approx(105.0, abs=2.5) if told else 0.0)
+    assert repeated.limit_cycle(problem, coulomb) == (pytest.approx(105.0, abs=2.5) if told else 0.0)
 
 
 @pytest.mark.parametrize(
@@ -67,11 +67,11 @@ def test_a_twin_hunts_alike_at_the_frequency_and_with_the_torque_of_the_axis(
     problem.data.torque = _hunting(105.0, 2.0)
     problem.twin, problem.controller, problem.disturbance = True, object(), None
     run = SimpleNamespace(torque=_hunting(hertz, times * 2.0), stable=stable)
-    monkeypatch.setattr(limit_cycle, "run_twin", lambda *_: run)
-    assert limit_cycle.hunts_alike(problem, object()) is alike
+    monkeypatch.setattr(repeated, "run_twin", lambda *_: run)
+    assert repeated.hunts_alike(problem, object()) is alike
 
 
 def test_a_model_without_a_twin_hunts_like_nothing() -> None:
     problem = _problem()
     problem.twin = False
-    assert not limit_cycle.hunts_alike(problem, object())
+    assert not repeated.hunts_alike(problem, object())

@@ -10,11 +10,10 @@ import pytest
 from scipy import ndimage, signal
 
 from autotune.core.arrays import Floats
-from autotune.estimation import controller, controller_search
+from autotune.estimation import controller, controller_search, controller_unsaid
 from autotune.estimation.alignment import a_row_sooner
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.controller import (
-    _is_kicked,
     as_read,
     as_wanted,
     asked,
@@ -22,9 +21,6 @@ from autotune.estimation.controller import (
     find_controller,
     identified,
     loop_samples,
-    with_feedforward_late,
-    with_friction_fed,
-    with_torque_added,
 )
 from autotune.estimation.controller_law import (
     LoopSamples,
@@ -38,12 +34,20 @@ from autotune.estimation.controller_search import (
     _late_trials,
     _leaves_as_little,
     _of_prompt_rows,
-    fed_late,
     first_look,
     law_from_data,
     plain_in_band,
     planner_rows,
     searched_late,
+)
+from autotune.estimation.controller_unsaid import (
+    _is_kicked,
+    fed_late,
+    with_feedforward_late,
+    with_friction_fed,
+    with_set_points_filtered,
+    with_torque_added,
+    with_torque_limit,
 )
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL
@@ -52,6 +56,7 @@ from autotune.estimation.twin_runs import run_twin, run_twins
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Controller, Metadata, Recording
 from autotune.signals.between_samples import delayed
+from autotune.signals.set_point_filters import SET_POINT_FILTERS
 from autotune.signals.triangle import less_run_means
 from tests.estimation.simulated import AXIS, OF_TRUE, PERIOD, RESOLUTION, TRUE, followed, recorded
 
@@ -183,10 +188,10 @@ def test_a_limit_is_told_only_where_its_law_leaves_clearly_less(
             return replace(TRUE, explained=0.99964, source="none", why="one recording")
         return replace(TRUE, explained=explained, source="identified")
 
-    monkeypatch.setattr(controller, "find_controller", law)
-    monkeypatch.setattr(controller, "noisy_limit", lambda _: limit)
+    monkeypatch.setattr(controller_unsaid, "find_controller", law)
+    monkeypatch.setattr(controller_unsaid, "noisy_limit", lambda _: limit)
     data = prepare([measured.with_metadata(controller=None)])
-    (said,) = controller.with_torque_limit([measured], data, POLICY)
+    (said,) = with_torque_limit([measured], data, POLICY)
     assert (said.metadata.torque_limit is not None) is told
 
 
@@ -741,6 +746,66 @@ def test_friction_that_is_fed_forward_ahead_of_a_disturbance_observer_is_told() 
         r"feeds friction forward, 0\.0(39|4|41).* N m .*ahead of a disturbance observer",
         told.metadata.remarks[-1],
     )
+
+
+def _filtered(law: PositionController, kind: int, rows: float) -> Recording:
+    """Ramps of the speed two times, behind a drive that filters its set points, which the file holds before that."""
+    time = np.arange(20_000) * PERIOD
+    speed = sum(
+        size * np.clip(4.0 * np.sin(hertz * time), -1.0, 1.0) for size, hertz in ((10.0, 4.1), (4.0, 11.3))
+    )
+    plain = np.cumsum(speed) * PERIOD
+    shown, parts = SET_POINT_FILTERS[kind].apply(plain, rows), []
+    for chance in (5, 6):
+        noise = np.random.default_rng(chance).normal(0.0, 2e-3, len(plain))
+        parts.append(followed(shown, noise, law, base_model(AXIS)) | {"reference": plain})
+    whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    whole["torque"] += np.random.default_rng(7).normal(0.0, 1e-3, len(whole["torque"]))
+    whole["time"] = np.arange(len(whole["torque"])) * PERIOD
+    metadata = Metadata(sample_period=PERIOD, position_resolution=RESOLUTION)
+    return Recording.from_columns(whole, metadata, "motion", np.repeat([0, 1], len(plain)))
+
+
+@pytest.mark.parametrize(("kind", "rows", "named"), [(0, 25.0, "running mean"), (1, 18.0, "first-order lag")])
+def test_a_filter_of_the_set_points_is_told_by_the_demand(kind: int, rows: float, named: str) -> None:
+    """Delays and terms of the reference stood for it, below some hertz."""
+    recording = _filtered(TRUE, kind, rows)
+    data = prepare([recording])
+    before = find_controller(data)
+    assert not before.usable or before.reference_delay - before.position_delay > 3
+    (told,) = with_set_points_filtered([recording], data, POLICY)
+    behind = np.tile(SET_POINT_FILTERS[kind].apply(recording["reference"][: len(recording) // 2], rows), 2)
+    off, whole = told["reference"] - behind, recording["reference"] - behind
+    assert np.std(off) < 0.05 * np.std(whole)
+    found = find_controller(prepare([told]))
+    assert found.usable
+    assert found.reference_delay - found.position_delay <= 3
+    assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.05)
+    assert f"filters its set points: by a {named} of" in told.metadata.remarks[-1]
+
+
+def test_friction_that_is_fed_forward_behind_a_filter_of_the_set_points_is_told_with_it() -> None:
+    """Neither has a law without the other."""
+    law = _FeedsFriction(TRUE.kp, TRUE.kd, TRUE.ki, TRUE.derivative_filter)
+    recording = _filtered(law, 0, 15.0)
+    data = prepare([recording])
+    assert not find_controller(data).usable
+    (told,) = with_set_points_filtered([recording], data, POLICY)
+    filtered, fed = told.metadata.remarks[-2:]
+    assert "filters its set points" in filtered
+    assert "feeds friction forward, 0.0" in fed
+    found = find_controller(prepare([told]))
+    assert found.usable
+    assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.1)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+def test_set_points_that_no_filter_explains_stay_as_they_are(noise: float) -> None:
+    plain = _twice(TRUE)
+    recording = (
+        with_torque(plain, np.random.default_rng(6).normal(0.0, noise, len(plain))) if noise else plain
+    )
+    assert with_set_points_filtered([recording], prepare([recording]), POLICY)[0] is recording
 
 
 def _feeding_late(late: int, smeared: float = 0.0, read: float = 1e-3) -> tuple[Recording, np.ndarray]:

@@ -16,7 +16,7 @@ from autotune.core.arrays import Floats
 from autotune.core.durable import write_checked
 from autotune.core.remembered import Remembered
 from autotune.diagnosis import compare
-from autotune.estimation import controller, model_error
+from autotune.estimation import controller, controller_unsaid, model_error
 from autotune.estimation.controller_law import MOMENT, PositionController
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.recordings.recording import Metadata, Recording
@@ -50,8 +50,11 @@ def _forget(monkeypatch: pytest.MonkeyPatch) -> None:
     for place in (model_error, known_laws):
         monkeypatch.setattr(place, "TOLD_LAWS", told)
     fed: Remembered[Floats | None] = Remembered()
-    for place in (controller, known_laws):
+    for place in (controller_unsaid, known_laws):
         monkeypatch.setattr(place, "KNOWN_FED", fed)
+    filters: Remembered[tuple[int, float] | None] = Remembered()
+    for place in (controller_unsaid, known_laws):
+        monkeypatch.setattr(place, "KNOWN_FILTERS", filters)
     stated: Remembered[tuple[float, float]] = Remembered()
     for place in (compare, known_laws):
         monkeypatch.setattr(place, "STATED", stated)
@@ -69,6 +72,8 @@ def _kept(folder: Path) -> Path:
     known_laws.TOLD_LAWS.answer(TOLD, lambda: (LAW, SHAKEN))
     known_laws.KNOWN_FED.answer("feeds none", lambda: None)
     known_laws.KNOWN_FED.answer("feeds some", lambda: np.ones(3))
+    known_laws.KNOWN_FILTERS.answer("filters none", lambda: None)
+    known_laws.KNOWN_FILTERS.answer("filters some", lambda: (2, 1.0 / 70.0))
     known_laws.STATED.answer("of the model", lambda: (1.0 / 3.0, 0.1))
     known_laws.STATED.answer("of no torque", lambda: (math.nan, math.nan))
     keep_laws(folder / "model.toml", [_recording()])
@@ -99,6 +104,16 @@ def test_that_no_friction_is_fed_is_known_and_a_column_is_looked_for_again(
     assert take_laws(model, [_recording()])
     assert known_laws.KNOWN_FED.answer("feeds none", lambda: np.zeros(3)) is None
     assert np.array_equal(known_laws.KNOWN_FED.answer("feeds some", lambda: np.zeros(3)), np.zeros(3))
+
+
+def test_a_filter_of_set_points_is_known_and_that_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = _kept(tmp_path)
+    _forget(monkeypatch)
+    assert take_laws(model, [_recording()])
+    assert known_laws.KNOWN_FILTERS.answer("filters none", lambda: (0, 1.0)) is None
+    assert known_laws.KNOWN_FILTERS.answer("filters some", lambda: None) == (2, 1.0 / 70.0)
 
 
 def test_the_error_that_was_stated_of_a_model_is_known_to_the_last_bit(
