@@ -589,8 +589,9 @@ seconds looks so."""
 SAME_GAIN = 0.05
 """Relative: within the dead time of a row a loop of usual bandwidth turns gains into others by about as much."""
 BETWEEN_SAMPLES = (
-    "the drive closes its loop between the samples, and one recording does not tell what that makes of encoder counts "
-    "from what the model lacks; record the same motion at least twice"
+    "the controller's law shows at low frequencies only, as where a drive closes its loop between the samples or its "
+    "torque has noise of its own, and one recording does not tell what that makes of encoder counts from what the "
+    "model lacks; record the same motion at least twice"
 )
 LATE = (
     "the torque is recorded about {:.2g} ms after the motion that it causes, as no loop can have it: read late, or "

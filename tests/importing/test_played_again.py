@@ -200,6 +200,23 @@ def test_labels_that_hold_a_longer_pause_are_repeats_still(tmp_path: Path) -> No
     assert {one.repeat for one in twice} == {0, 1}
 
 
+def test_plays_that_begin_at_parts_of_a_row_are_no_repeats_and_said_not_to_be() -> None:
+    """By 0.4 of a row a sine of 2 Hz is off by more than two plays of one motion may be."""
+    rows = np.arange(4000)
+    motion = np.sin(2.0 * np.pi * 2.0 * rows * PERIOD) * np.sin(np.pi * rows / 4000)
+    later = np.interp(rows - 0.4, rows, motion)[:-1]
+    reference = np.concatenate([motion, later])
+    columns = {"reference": reference, "position": reference, "torque": np.cos(reference)}
+    columns["time"] = np.arange(len(reference)) * PERIOD
+    repeat = np.repeat([0, 1], [len(motion), len(later)])
+    recording = Recording.from_columns(columns, Metadata(sample_period=PERIOD), "motion", repeat)
+    same, said = told_apart(recording)
+    assert same is recording
+    assert said is not None
+    assert "by 1 row at most" in said
+    assert "begin each play on a whole row" in said
+
+
 @pytest.mark.parametrize("later", [-120, 0, 77])
 def test_without_a_reference_plays_are_put_beside_each_other_by_their_position(later: int) -> None:
     """To the row, in noise of a thousandth of a radian."""

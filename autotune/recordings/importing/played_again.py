@@ -85,7 +85,9 @@ def told_apart(recording: Recording) -> tuple[Recording, str | None]:
         labels = _labelled(recording, groups, rows / (finer * MOST_PARTS))
         if uneven or labels.number == 0 or labels.number >= FEWEST:
             break
-    if not labels.number or (not uneven and labels.number < FEWEST):
+    if not labels.number:
+        return recording, _unlike(differ) if uneven and np.any(recording.repeat > 0) else None
+    if not uneven and labels.number < FEWEST:
         return recording, None
     columns = {name: recording[name] for name in recording.floats}
     split = Recording.from_columns(
@@ -106,6 +108,15 @@ def _labelled(recording: Recording, groups: Mapping[str, Sequence[Segment]], lea
             plays = beside(recording["position"], pieces)
         labels.put(name, reserved, pieces, plays)
     return labels
+
+
+def _unlike(differ: int) -> str:
+    """What is said of repeats of unlike length whose motions do not come again; `differ`: as in `_said`."""
+    return (
+        f"repeats of one label differ in length, by {differ} row{'s' if differ > 1 else ''} at most, and no motion in "
+        "them comes again row by row, as where plays begin at parts of a row: what they do not share is not taken for "
+        "noise (begin each play on a whole row of what records, and pause for whole rows)"
+    )
 
 
 def _said(labels: _Labels, differ: int) -> str:
