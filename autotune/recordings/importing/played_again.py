@@ -25,6 +25,8 @@ ALIKE = 1e-3
 """Of a motion's range: how much two of its plays may differ."""
 SLACK = 1
 """Rows by which one motion may come sooner or later in another play."""
+PART_OF_ROW = 0.6
+"""Of a row, by which one motion may be read later in another play: half of one, and what rounding makes of that."""
 SETTLED = 0.3
 """s after a motion that belong to it still, where the rest is twice as long."""
 LEAST_PART, MOST_PARTS = 2.0, 12
@@ -176,7 +178,27 @@ def played(
         for first, last in _parts(motions, block[0], count, max(LEAST_PART / period, least)):
             begun = [(at + first, at + last) for at in block]
             plays += _rows(motions, begun, round(SETTLED / period), _number(plays))
-    return sorted(plays, key=lambda one: one.start)
+    return _nearest(reference, sorted(plays, key=lambda one: one.start), pieces)
+
+
+def _nearest(reference: Floats, plays: Sequence[Play], pieces: Sequence[tuple[int, int]]) -> list[Play]:
+    """Plays, in order, each from the row on from which it is nearest to the first of its experiment.
+
+    In which row a motion begins is told by its slow start, by up to one row less or more.
+    """
+    edges = [low for low, _ in pieces], [high for _, high in pieces]
+    first: dict[int, Floats] = {}
+    moved: list[Play] = []
+    for number, one in enumerate(plays):
+        own = first.setdefault(one.experiment, reference[one.start : one.stop])
+        low = max([moved[-1].stop if moved else 0, *(edge for edge in edges[0] if edge <= one.start)])
+        after = plays[number + 1].start if number + 1 < len(plays) else len(reference)
+        high = min([after, *(edge for edge in edges[1] if edge >= one.stop)])
+        shifts = [by for by in (0, -1, 1) if low <= one.start + by and one.stop + by <= high]
+        off = [float(np.sum((reference[one.start + by : one.stop + by] - own) ** 2)) for by in shifts]
+        by = shifts[int(np.argmin(off))] if shifts else 0
+        moved.append(Play(one.experiment, one.repeat, one.start + by, one.stop + by))
+    return moved
 
 
 def beside(position: Floats, pieces: Sequence[tuple[int, int]]) -> list[Play]:
@@ -291,7 +313,10 @@ def _root(shared: NDArray[np.int64], at: int, count: int) -> int:
 
 
 def _same(reference: Floats, known: Motion, one: Motion) -> bool:
-    """Whether a motion is the same as one that is known, from its row on, or from the one before or after it."""
+    """Whether a motion is the same as one that is known, from its row on, or from the one before or after it.
+
+    Where what records is not in step with what commands, one comes later by part of a row.
+    """
     if abs(one.stop - one.start - known.stop + known.start) > SLACK:
         return False
     own = reference[known.start : known.stop + 1]
@@ -299,10 +324,17 @@ def _same(reference: Floats, known: Motion, one: Motion) -> bool:
     if abs(reference[one.start] - own[0]) > tolerance:
         return False
     for first in (one.start, max(one.start - 1, 0), one.start + 1):
-        other = reference[first : first + len(own)]
-        if len(other) == len(own) and float(np.max(np.abs(other - own))) <= tolerance:
+        off = reference[first : first + len(own)] - own[: len(reference) - first]
+        if len(off) == len(own) and _off_at_most(off, own) <= tolerance:
             return True
     return False
+
+
+def _off_at_most(off: Floats, own: Floats) -> float:
+    """By how much a motion of shape (n,) is off at most, once it is moved by the part of a row that is best."""
+    rate = np.gradient(own)
+    part = float(np.clip(rate @ off / max(float(rate @ rate), 1e-300), -PART_OF_ROW, PART_OF_ROW))
+    return float(np.max(np.abs(off - part * rate)))
 
 
 def _parts(motions: Sequence[Motion], at: int, count: int, least: float) -> Iterator[tuple[int, int]]:
