@@ -27,6 +27,7 @@ from autotune.estimation.controller import (
     with_column,
 )
 from autotune.estimation.controller_law import (
+    SHORTEST_STRETCH,
     LoopSamples,
     PositionController,
     late_rows,
@@ -201,8 +202,10 @@ def with_set_points_filtered(
     As in `with_friction_fed`, which is asked of what is behind the filter, too. Below a few hertz terms of the
     reference and a delay stand for a filter; a twin that is driven by them is another loop.
     """
+    if not data.closed:
+        return recordings
     before = find_controller(data, policy)
-    if not data.closed or before.exact or (_of_all_rows(before) and not _needs_later(before)):
+    if before.exact or (_of_all_rows(before) and not _needs_later(before)):
         return recordings
     samples = loop_samples(data, policy)
     for fed in (False,) if _of_all_rows(before) else (False, True):
@@ -351,6 +354,9 @@ def set_point_filter(samples: LoopSamples, fed: bool) -> tuple[int, float] | Non
     half is left of what is left without one.
     """
     looked = _settled_look(samples)
+    shortest = SHORTEST_FILTER * samples.period
+    if shortest >= LONGEST_FILTER or len(law_rows(looked, SPANNING[0])[0]) < SHORTEST_STRETCH:
+        return None
     beside = _AnyLaw(looked, fed)
     lates = range(0, INTERPOLATED + 1, 2)
     without = min(beside.left(late_rows(looked.reference, looked, late)) for late in lates)
@@ -359,8 +365,7 @@ def set_point_filter(samples: LoopSamples, fed: bool) -> tuple[int, float] | Non
         shown = _behind_filter(looked, kind, float(np.exp(log_seconds)))
         return beside.left(late_rows(shown, looked, late))
 
-    shortest = np.log(SHORTEST_FILTER * samples.period)
-    steps = np.linspace(shortest, np.log(LONGEST_FILTER), FILTER_STEPS).tolist()
+    steps = np.linspace(np.log(shortest), np.log(LONGEST_FILTER), FILTER_STEPS).tolist()
     costs = {
         (kind, late): [left(kind, late, one) for one in steps]
         for kind, late in itertools.product(range(len(SET_POINT_FILTERS)), lates)
@@ -414,10 +419,8 @@ class _AnyLaw:
         shown, *fed = values_in_band(self._samples, np.stack([reference, *self._signs(reference)]))
         terms = law_terms(replace(self._quick, reference=shown), ANY_FILTER)[:, [2, 3, 5, 6]]
         table = [self._position, terms[self._chosen].T, *(one[None, self._chosen] for one in fed)]
-        return (
-            1.0
-            - reduced(np.concatenate(table), self._quick.demand[self._chosen], self._run).fitted().explained
-        )
+        fitted = reduced(np.concatenate(table), self._quick.demand[self._chosen], self._run).fitted()
+        return 1.0 - fitted.explained
 
     def _signs(self, reference: Floats) -> list[Floats]:
         """Friction that may be fed forward by a reference, each of shape (n,); none where it is not asked for."""

@@ -43,6 +43,7 @@ from autotune.estimation.controller_search import (
 from autotune.estimation.controller_unsaid import (
     _is_kicked,
     fed_late,
+    set_point_filter,
     with_feedforward_late,
     with_friction_fed,
     with_set_points_filtered,
@@ -797,6 +798,12 @@ def test_friction_that_is_fed_forward_behind_a_filter_of_the_set_points_is_told_
     found = find_controller(prepare([told]))
     assert found.usable
     assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.1)
+
+
+def test_no_filter_is_looked_for_in_a_recording_that_ends_before_one_has_forgotten_its_start() -> None:
+    samples = loop_samples(prepare([_filtered(TRUE, 0, 25.0).rows(slice(0, 520))]))
+    assert set_point_filter(samples, fed=False) is None
+    assert set_point_filter(samples, fed=True) is None
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])
