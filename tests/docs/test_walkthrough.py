@@ -34,8 +34,8 @@ RELATIVE, PERCENT = 0.09, 7.0
 """What printed numbers may move by: sums of floating point differ between processors, and noise amplifies them. Of one
 commit (7338c764) the last fit left 3.10 mN m (43 % less) by the linear algebra's kernels with AVX-512, and 3.31 (38 %)
 by those without, which refit the model before it once more (a line that is not shown); of another (f1de7819) 3.04
-(46 %) and 3.29 (39 %), and of 7a04bc0b 3.33 (40 %) on one more processor without them, which is shown. More rounds leave
-less of what is fitted and 3.62 here. An uncertainty of two digits moves by one."""
+(46 %) and 3.29 (39 %), and of 7a04bc0b 3.33 (40 %) on one more processor without them, which is shown. More rounds
+leave less of what is fitted and 3.62 here. An uncertainty of two digits moves by one."""
 RANGE = re.compile(rf"({NUMBER.pattern}) (?:mN m )?to ({NUMBER.pattern})")
 """What is printed from one number to another is known to its width, or to the larger of both. With numpy's functions
 for AVX-512 the simulated axis is disturbed otherwise after its first seconds: of one commit (b72e23ba) the noise floor
