@@ -36,10 +36,7 @@ from autotune.estimation.alignment import (
     shifted,
     upsampled,
 )
-from autotune.estimation.controller import (
-    as_read,
-    find_controller,
-)
+from autotune.estimation.controller import as_read, find_controller
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.controller_unsaid import (
     with_feedforward_late,

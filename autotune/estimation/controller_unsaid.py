@@ -426,9 +426,7 @@ class _AnyLaw:
         """Friction that may be fed forward by a reference, each of shape (n,); none where it is not asked for."""
         if not self._fed:
             return []
-        samples, rate = self._samples, np.zeros(len(reference))
-        for rows in samples.stretches:
-            rate[rows] = np.diff(reference[rows], prepend=reference[rows.start]) / samples.period
+        samples, rate = self._samples, _rate_of(self._samples, reference)
         top = float(np.max(np.abs(rate), initial=1e-300))
         signs = [_fed_terms(samples, rate, by_tanh, width * top, summed=False)[0] for width in SPANNED]
         return [*signs, _fed_terms(samples, rate, by_tanh, SPANNED[1] * top, summed=True)[1]]
@@ -464,9 +462,7 @@ def friction_fed_forward(samples: LoopSamples) -> FrictionFed | None:
     the sign and g times its sum.
     """
     banded = in_band(replace(samples, piece=PIECE_SECONDS))
-    rate = np.zeros(len(samples.reference))
-    for rows in samples.stretches:
-        rate[rows] = np.diff(samples.reference[rows], prepend=samples.reference[rows.start]) / samples.period
+    rate = _rate_of(samples, samples.reference)
     top = float(np.max(np.abs(rate), initial=0.0))
     if top == 0.0:
         return None
@@ -565,6 +561,14 @@ def _fed_trials(
                     first = len(mixing) + own * (r * len(forms) + i)
                     whole[first : first + own, -own:] = np.eye(own)
                     yield triangle.fitted(whole).explained, sign, width, (r, y), smoothing
+
+
+def _rate_of(samples: LoopSamples, reference: Floats) -> Floats:
+    """Rate of a reference from row to row, stretch by stretch, shape (n,)."""
+    rate = np.zeros(len(reference))
+    for rows in samples.stretches:
+        rate[rows] = np.diff(reference[rows], prepend=reference[rows.start]) / samples.period
+    return rate
 
 
 def _fed_terms(
