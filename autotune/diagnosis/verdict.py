@@ -351,8 +351,11 @@ def _stranger(facts: Facts) -> str:
 
 
 def _relaxes(facts: Facts) -> str:
-    found = facts.relaxed
-    return relaxed_note(found.effect, found.held, found.seconds) if found is not None else ""
+    found, chosen = facts.relaxed, facts.chosen
+    if found is None or chosen is None:
+        return ""
+    others = [one for one in chosen.model_fit.effects if one != found.effect]
+    return relaxed_note(found.effect, others, found.held, found.seconds)
 
 
 def _unlike(facts: Facts) -> str:

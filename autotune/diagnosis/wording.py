@@ -25,7 +25,7 @@ from autotune.estimation.problem import Problem
 from autotune.estimation.residual import smoothed
 from autotune.models import layout
 from autotune.models.drive_model import Packed
-from autotune.models.reversal_memory import contact
+from autotune.models.reversal_memory import REVERSAL_MEMORY, contact
 from autotune.models.table import EFFECTS, looking_alike, usual_rivals
 from autotune.recordings.recording import Metadata
 
@@ -533,13 +533,19 @@ def stranger_note(effect: str, times: float, error: float) -> str:
     )
 
 
-def relaxed_note(effect: str, held: float, seconds: float) -> str:
-    """Why an effect of the place is not named whose torque goes at rest, but for the part that is `held`."""
+def relaxed_note(effect: str, others: Sequence[str], held: float, seconds: float) -> str:
+    """Why an effect of the place is not named whose torque goes at rest, but for the part that is `held`.
+
+    `others`: what it was found beside.
+    """
     name, stays = effect.replace("_", " "), f"to {100 * held:.0f} % of it" if held > 0.0 else "all of it"
+    beside = " and ".join(others).replace("_", " ")
+    found = f"Beside {beside} a {name} explains most of the rest" if others else f"A {name} explains most"
+    memory = "; a memory by another law looks so, too" if REVERSAL_MEMORY.name in others else ""
     return (
-        f"A {name} explains most, but its torque does not hold: while the axis stays it goes, {stays}, within "
+        f"{found}, but its torque does not hold: while the axis stays it goes, {stays}, within "
         f"{seconds:.1g} s or so. No spring and no weight does that; a gas that cools or leaks, a damper behind a "
-        "spring or a belt that creeps does. So nothing is named."
+        f"spring or a belt that creeps does{memory}. So nothing is named."
     )
 
 
