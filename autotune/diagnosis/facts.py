@@ -623,22 +623,23 @@ def _something_left(facts: Facts, rows: Problem) -> bool:
     """Whether what the root leaves is more than noise; a disturbance that follows the clock is taken out first.
 
     `rows`: the problem on those rows that tell; beside another law of presliding where its contact slides.
-    So it is where the chosen effect lowers what repeats share by as much, and by more than the measurement chain may
-    leave of it; not what is there by chance only. Or where one that is not named halves the error of experiments held
-    out (beside another law of presliding that may be the law's own rest). Without repeats a gain on unseen stretches
-    says it.
+    So it is where the chosen effect, or the best of those that were tried, lowers what repeats share by as much, and by
+    more than the measurement chain may leave of it; not what is there by chance only. Or where one that is not named
+    halves the error of experiments held out (beside another law of presliding that may be the law's own rest). Without
+    repeats a gain on unseen stretches says it.
     """
     problem, root, evidence, chosen = facts.problem, facts.root, facts.evidence, facts.chosen
     if not evidence.repeats and (chosen is not None or facts.plainly):
         return True
     if facts.overlooked is not None and not (evidence.repeats and facts.presliding is not None):
         return True
-    if chosen is not None and chosen.share >= problem.policy.partly:
+    told = chosen or max(facts.tried, key=lambda item: item.share, default=None)
+    if told is not None and told.share >= problem.policy.partly:
         noise = problem.noise_variance(root.fitted.error, TRAINING)
         least = evidence.rest_that_is_none(problem, root.fitted.error, noise)
         least = max(least, problem.policy.structure_part * noise)
         there = still_explainable(problem, root.fitted, root.correction, TRAINING)
-        if min(again_explained(problem, root, chosen.model_fit), there) > least:
+        if min(again_explained(problem, root, told.model_fit), there) > least:
             return True
     if facts.line is not None:
         error = without_line(problem, root.fitted.error, facts.line)

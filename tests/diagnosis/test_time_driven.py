@@ -19,7 +19,9 @@ from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import measured_motion
 from autotune.estimation.twin_runs import shaken
-from autotune.models.drive_model import base_model
+from autotune.models import layout
+from autotune.models.drive_model import Packed, base_model
+from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.signals.place_line import PlaceLine
 from tests.support.axes import NOMINAL, plain_axis
 from tests.support.diagnosis_programme import play
@@ -318,3 +320,17 @@ def test_a_veto_of_which_no_row_counts_is_none(begun: tuple[Problem, ModelFit]) 
     assert problem.has_veto
     assert not bare.has_veto
     assert math.isnan(bare.noise_variance(model_fit.fitted.error, VETO))
+
+
+@pytest.mark.parametrize(("order", "is_one"), [(50.4, True), (25.2, True), (12.6, False)])
+def test_a_wave_beside_a_ripple_of_the_same_place_is_no_reading(
+    begun: tuple[Problem, ModelFit], order: float, is_one: bool
+) -> None:
+    """A ripple that is taken to act later than it does leaves what an error of the reading would at its place."""
+    problem, model_fit = begun
+    p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
+    p[TORQUE_RIPPLE.slot("order_1")], on[layout.flag(TORQUE_RIPPLE.name)] = order, True
+    fitted = replace(model_fit.fitted, packed=Packed(p, on))
+    rippled = replace(model_fit, fitted=fitted, effects=(TORQUE_RIPPLE.name,))
+    assert time_driven._is_of_a_ripple(problem, rippled, 50.4) is is_one
+    assert not time_driven._is_of_a_ripple(problem, model_fit, 50.4)

@@ -849,10 +849,14 @@ def test_what_an_effect_without_a_name_explains_is_left_beyond_chance_and_the_ch
     evidence = SimpleNamespace(
         repeats=True, rest_that_is_none=lambda *_: chain, structure_left=lambda *_: False
     )
-    chosen = SimpleNamespace(share=0.8, model_fit=root)
-    known = SimpleNamespace(problem=problem, root=root, evidence=evidence, chosen=chosen, line=None)
+    best, other = SimpleNamespace(share=0.8, model_fit=root), SimpleNamespace(share=0.2, model_fit=root)
+    known = SimpleNamespace(problem=problem, root=root, evidence=evidence, chosen=best, tried=(), line=None)
     known.overlooked = known.presliding = None
     assert facts._something_left(known, problem) is left
+    known.chosen, known.tried = None, (other, best)  # of which none was taken
+    assert facts._something_left(known, problem) is left
+    known.tried = (other,)
+    assert not facts._something_left(known, problem)
 
 
 def _wave_found(

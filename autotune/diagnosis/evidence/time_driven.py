@@ -29,6 +29,7 @@ from autotune.estimation.disturbance_estimate import estimate_disturbance, with_
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import acted, measured_motion, residual, smoothed
 from autotune.models.drive_model import Packed
+from autotune.models.torque_ripple import LINES, TORQUE_RIPPLE
 from autotune.signals.periodic import period_of
 from autotune.signals.place_line import strongest_line
 
@@ -202,6 +203,8 @@ def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | No
     )
     if not (_is_known(problem, found) and _gains_while_sliding(problem, model_fit, found.wave)):
         return None
+    if _is_of_a_ripple(problem, model_fit, found.wave.wavenumber):
+        return None
     coarse = strongest_line(
         data.measured, bent, (2.0 * math.pi / problem.scales.travel, finer), line.contrast
     )
@@ -223,6 +226,20 @@ def _is_known(problem: Problem, found: _Read) -> bool:
     policy = problem.policy
     known = found.gain >= policy.least_gain and policy.no_chance(found.gain, found.z)
     return known and found.gain > found.as_torque and found.wave.steepest < 1.0
+
+
+def _is_of_a_ripple(problem: Problem, model_fit: ModelFit, wavenumber: float) -> bool:
+    """Whether the model has a torque over the place whose waves, or twice them, these data do not tell from a wave.
+
+    Where that torque acts later or sooner than it is taken to, or bends with speed, it leaves what an error of the
+    reading would at the same place.
+    """
+    fitted, apart = model_fit.fitted, 2.0 * math.pi / problem.scales.travel
+    angle = Context(problem, fitted, fitted.packed).angle
+    numbers = range(1, LINES + 1) if TORQUE_RIPPLE.name in model_fit.effects else ()
+    orders = [float(fitted.packed.p[TORQUE_RIPPLE.slot(f"order_{number}")]) for number in numbers]
+    waves = [times * order * angle for order in orders if order > 0.0 for times in (1.0, 2.0)]
+    return any(abs(one - wave) <= apart for one in (wavenumber, 2.0 * wavenumber) for wave in waves)
 
 
 def _gains_while_sliding(problem: Problem, model_fit: ModelFit, wave: ReadingWave) -> bool:
