@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -135,7 +136,8 @@ def diagnose(
         float,
         typer.Option(
             metavar="SECONDS",
-            help="Then the verdict is on what was found until then, and nothing is confirmed.",
+            help="Then the verdict is on what was found until then, and nothing is confirmed; a fit of the base model "
+            "counts, to half of them.",
         ),
     ] = MOST_SECONDS,
 ) -> None:
@@ -149,9 +151,11 @@ def diagnose(
         _check_folder(path)
     if apply is not None:
         _check_output(apply)
+    begun = time.monotonic()
     known, read = _with_base(recordings) if model_file is None else _with_model(model_file, recordings)
+    left = max(at_most - (time.monotonic() - begun), 0.5 * at_most)
     with one_bar("diagnose", DIAGNOSE_STEPS, _rows(read)) as step:
-        result = autotune.diagnose(read, known, at_most=at_most, progress=step)
+        result = autotune.diagnose(read, known, at_most=left, progress=step)
     if html is not None:
         result.write_html(html)
         say(f"figures: {html}")

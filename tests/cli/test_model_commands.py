@@ -7,9 +7,11 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from autotune.cli import model as commands
 from autotune.cli.main import main
 from autotune.cli.model import _effects_first
 from autotune.cli.model_text import parameter_lines
@@ -74,6 +76,27 @@ def test_a_value_its_error_and_its_unit_stand_apart(effect: str, values: dict[st
     errors = dict.fromkeys(values, 0.11)
     model = base_model(NOMINAL).with_effect(EFFECTS[effect].make(values, errors))
     assert any(re.search(line, printed) for printed in parameter_lines(model))
+
+
+@pytest.mark.parametrize(("fit_takes", "left"), [(40.0, 260.0), (200.0, 150.0)])
+def test_a_fit_of_the_base_counts_to_half_of_the_time(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fit_takes: float, left: float
+) -> None:
+    """What was seen: `--at-most 300` that took 450 s."""
+    given: list[float] = []
+
+    def diagnose(*_: object, at_most: float, **__: object) -> None:
+        given.append(at_most)
+        raise ConfigurationError("enough is known")
+
+    clock = iter([0.0, fit_takes])
+    monkeypatch.setattr(commands, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr(commands, "_with_base", lambda _: (base_model(NOMINAL), []))
+    monkeypatch.setattr("autotune.diagnose", diagnose)
+    (tmp_path / "a.csv").touch()
+    with pytest.raises(SystemExit) as ending:
+        main(["model", "diagnose", str(tmp_path / "a.csv"), "--at-most", "300"])
+    assert (ending.value.code, given) == (2, [left])
 
 
 def test_warnings_of_libraries_never_reach_a_user() -> None:
