@@ -44,8 +44,8 @@ TORQUE_CONSTANT = (
     "inertia or a known added mass would show it."
 )
 CUT_SHORT = (
-    "Stopped after {seconds:.0f} s of search, before all was asked: what is named is suspected only and may not be all, and "
-    "what is not named may be there. With more time (--at-most) the rest is asked."
+    "Stopped after {seconds:.0f} s of search, before all was asked: what is named is suspected only and may not be "
+    "all, and what is not named may be there. With more time (--at-most) the rest is asked."
 )
 DROWNED = (
     "That disturbance is larger than all that an effect explains; what it hides cannot be told. Remove its source, or "
