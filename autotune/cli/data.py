@@ -14,8 +14,8 @@ from autotune.recordings.recording import MOTION_UNITS, Controller, Recording
 
 CONTROLLER_HELP = (
     "Gains of its position controller in SI: torque by position (kp), by speed (kd), by position and second (ki); "
-    "derivative_filter too, the share of a new difference in the filtered one, 1 - exp(-row / time constant), a row being "
-    "the file's sample period. Any other law, such as cascaded loops, is found in the data: leave it out."
+    "derivative_filter too, the share of a new difference in the filtered one, 1 - exp(-row / time constant), a row "
+    "being the file's sample period. Any other law, such as cascaded loops, is found in the data: leave it out."
 )
 data = typer.Typer(no_args_is_help=True, help="Recordings that others made.")
 
