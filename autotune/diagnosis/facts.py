@@ -634,7 +634,7 @@ def _something_left(facts: Facts, rows: Problem) -> bool:
     if facts.overlooked is not None and not (evidence.repeats and facts.presliding is not None):
         return True
     told = chosen or max(facts.tried, key=lambda item: item.share, default=None)
-    if told is not None and told.share >= problem.policy.partly:
+    if evidence.repeats and told is not None and told.share >= problem.policy.partly:
         noise = problem.noise_variance(root.fitted.error, TRAINING)
         least = evidence.rest_that_is_none(problem, root.fitted.error, noise)
         least = max(least, problem.policy.structure_part * noise)
