@@ -147,6 +147,8 @@ def diagnose(
     from autotune.cli.model_text import diagnosis_lines
     from autotune.models.model_file import write_model
 
+    if not at_most > 0.0:
+        raise ConfigurationError(f"--at-most is {at_most:g}, and must be a time above 0 s")
     for path in (html, rrd):
         _check_folder(path)
     if apply is not None:

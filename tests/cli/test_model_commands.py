@@ -99,6 +99,17 @@ def test_a_fit_of_the_base_counts_to_half_of_the_time(
     assert (ending.value.code, given) == (2, [left])
 
 
+@pytest.mark.parametrize("seconds", ["-5", "0", "nan"])
+def test_a_time_that_is_none_is_refused_before_anything_is_fitted(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, seconds: str
+) -> None:
+    (tmp_path / "a.csv").touch()
+    with pytest.raises(SystemExit) as ending:
+        main(["model", "diagnose", str(tmp_path / "a.csv"), "--at-most", seconds])
+    assert ending.value.code == 2
+    assert f"--at-most is {seconds}, and must be a time above 0 s" in capsys.readouterr().err
+
+
 def test_warnings_of_libraries_never_reach_a_user() -> None:
     """Of Rerun, say, with the path of its source."""
     program = (
