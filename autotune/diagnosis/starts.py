@@ -178,10 +178,12 @@ class Context:
     def thinned(self) -> Thin:
         return thinned(self)
 
+    def ripple_orders(self) -> list[float]:
+        """Orders of the ripple that the model has."""
+        return [float(self.p[TORQUE_RIPPLE.slot(f"order_{i}")]) for i in TORQUE_RIPPLE.terms_in_use(self.p)]
+
     def orders_in_residual(self, most: int) -> list[float]:
-        present = [
-            float(self.p[TORQUE_RIPPLE.slot(f"order_{i}")]) for i in TORQUE_RIPPLE.terms_in_use(self.p)
-        ]
+        present = self.ripple_orders()
         for kind in EFFECTS.values():
             if kind.waves is not None and self.fitted.packed.on[layout.flag(kind.name)]:
                 present += kind.waves(self.p)

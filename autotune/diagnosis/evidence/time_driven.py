@@ -29,7 +29,7 @@ from autotune.estimation.disturbance_estimate import estimate_disturbance, with_
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import acted, measured_motion, residual, smoothed
 from autotune.models.drive_model import Packed
-from autotune.models.torque_ripple import LINES, TORQUE_RIPPLE
+from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.signals.periodic import period_of
 from autotune.signals.place_line import strongest_line
 
@@ -234,11 +234,11 @@ def _is_of_a_ripple(problem: Problem, model_fit: ModelFit, wavenumber: float) ->
     Where that torque acts later or sooner than it is taken to, or bends with speed, it leaves what an error of the
     reading would at the same place.
     """
-    fitted, apart = model_fit.fitted, 2.0 * math.pi / problem.scales.travel
-    angle = Context(problem, fitted, fitted.packed).angle
-    numbers = range(1, LINES + 1) if TORQUE_RIPPLE.name in model_fit.effects else ()
-    orders = [float(fitted.packed.p[TORQUE_RIPPLE.slot(f"order_{number}")]) for number in numbers]
-    waves = [times * order * angle for order in orders if order > 0.0 for times in (1.0, 2.0)]
+    if TORQUE_RIPPLE.name not in model_fit.effects:
+        return False
+    context = Context(problem, model_fit.fitted, model_fit.fitted.packed)
+    waves = [times * order * context.angle for order in context.ripple_orders() for times in (1.0, 2.0)]
+    apart = 2.0 * math.pi / problem.scales.travel
     return any(abs(one - wave) <= apart for one in (wavenumber, 2.0 * wavenumber) for wave in waves)
 
 
