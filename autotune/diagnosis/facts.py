@@ -16,6 +16,8 @@ from autotune.diagnosis.candidates import (
     explained_of_rest,
     is_end_of,
 )
+from autotune.diagnosis.contact_laws import EFFECT as MEMORY
+from autotune.diagnosis.contact_laws import climbs_otherwise, is_a_memory
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.repeated import hunts_alike, limit_cycle
@@ -613,10 +615,20 @@ def _with_own_course(facts: Facts, effect: str) -> FittedCandidate | None:
 def _unsought(facts: Facts, effect: str) -> float:
     """What an effect that was no candidate may gain: nothing where it was looked for and no term of it stood out."""
     kind, problem = EFFECTS[effect], facts.problem
+    if effect == MEMORY and _remembers_in_the_base(facts):
+        return 0.0
     if not kind.may_grow or kind not in problem.candidates:
         return math.inf
     orders = candidate_orders(problem, float(facts.root.fitted.packed.p[scale_slot()]))
     return 0.0 if len(orders) > 0 else math.inf
+
+
+def _remembers_in_the_base(facts: Facts) -> bool:
+    """Whether elements of the contact stand where a memory would, and none that go on beyond it would gain anything."""
+    chosen = facts.chosen
+    if chosen is None or not climbs_otherwise(facts.root.fitted.packed):
+        return False
+    return not is_a_memory(facts.problem, chosen.model_fit)
 
 
 def _something_left(facts: Facts, rows: Problem) -> bool:
