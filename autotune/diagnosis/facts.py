@@ -534,7 +534,8 @@ def _untold(facts: Facts, told_apart: Sequence[str] = (), behind: Sequence[str] 
     alike_to = [one for one in dict.fromkeys(alike_to) if one != chosen.effect]
     near = [one for one in alike_to if EFFECTS[one].is_of(unit)]
     as_well = {MOTOR} if motor and not _errs_more(facts, MOTOR) else set()
-    near = [one for one in near if one in as_well or gains.get(one, _unsought(facts, one)) >= least]
+    gained_by = {one: gains[one] if one in gains else _unsought(facts, one) for one in near}
+    near = [one for one in near if one in as_well or gained_by[one] >= least]
     near = [one for one in near if one not in told_apart]
     if else_as_well:
         return tuple(near)

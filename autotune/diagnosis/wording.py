@@ -693,7 +693,7 @@ def next_experiment(
     if verdict == "unknown" and kinds >= ALL_KINDS:
         return OTHER_STATE.format(kinds=kinds)
     if verdict == "unknown":
-        return separating_experiment(chosen.model_fit.effects if chosen else (), own_axis)
+        return separating_experiment(chosen.model_fit.effects if chosen else (), own_axis) + ALREADY_THERE
     return None
 
 

@@ -524,15 +524,35 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
     monkeypatch: pytest.MonkeyPatch, signs: dict[str, object], gains: dict[str, float], rivals: set[str]
 ) -> None:
     """Those that gain half as much, or that nothing was tried of."""
+    monkeypatch.setattr(facts, "climbs_otherwise", lambda *_: False)
+    assert set(facts._untold(_beside_look_alikes(monkeypatch, signs, gains))) == rivals
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_elements_in_the_base_stand_where_a_memory_would_unless_they_go_on_beyond_the_contact(
+    monkeypatch: pytest.MonkeyPatch, goes_on: bool
+) -> None:
+    monkeypatch.setattr(facts, "climbs_otherwise", lambda *_: True)
+    monkeypatch.setattr(facts, "is_a_memory", lambda *_: goes_on)
+    known = _beside_look_alikes(monkeypatch, {"unlike": "dwells"}, {"stribeck": 0.0, "thermal_drift": 0.0})
+    assert facts._untold(known) == (("reversal_memory",) if goes_on else ())
+
+
+def _beside_look_alikes(
+    monkeypatch: pytest.MonkeyPatch, signs: dict[str, object], gains: dict[str, float]
+) -> Facts:
+    """The facts of a dwell time that was chosen among effects with these gains."""
     monkeypatch.setattr(facts, "like_a_spring", lambda *_: False)
     monkeypatch.setattr(facts, "_with_own_course", lambda *_: None)
-    fit = SimpleNamespace(effects=("dwell_time_break_away",))
+    fit = SimpleNamespace(
+        effects=("dwell_time_break_away",), fitted=SimpleNamespace(packed=SimpleNamespace(p=()))
+    )
     chosen = SimpleNamespace(effect="dwell_time_break_away", gain=0.9, model_fit=fit)
     first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]
     data = SimpleNamespace(starts=(0,), metadata=SimpleNamespace(motion_unit="rad"))
-    problem = SimpleNamespace(policy=POLICY, data=data)
+    problem = SimpleNamespace(policy=POLICY, data=data, candidates=())
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
-    assert set(facts._untold(Facts(*known, **signs))) == rivals
+    return Facts(*known, **signs)
 
 
 def test_a_gain_that_experiments_held_out_cannot_tell_is_no_measure_for_look_alikes(
