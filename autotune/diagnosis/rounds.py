@@ -314,7 +314,23 @@ def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidat
     best = plainer(problem, fits, best, state.evidence.alike(problem))
     if best.gain < problem.policy.least_gain:
         best = replace(best, gain=_gain_where_one_tells(problem, state.model_fit, best))
-    return best if state.worth_having(best) else _worth_at_its_best(state, best)
+    if state.worth_having(best):
+        return best
+    return _worth_at_its_best(state, best) or _other_worth_having(state, fits, best)
+
+
+def _other_worth_having(
+    state: SearchState, fits: Sequence[FittedCandidate], best: FittedCandidate
+) -> FittedCandidate | None:
+    """Beside what needs more for a name: the further effect that explains most of those that are worth having.
+
+    Where two are missing beside it, each explains about half of what it leaves, and the one that predicts better
+    may be the one with the smaller half.
+    """
+    if state.chosen is None or state.chosen.named:
+        return None
+    worth = [one for one in fits if one.effect != best.effect and state.worth_having(one)]
+    return min(worth, key=lambda one: one.model_fit.fitted.cost, default=None)
 
 
 def _explains(state: SearchState, item: FittedCandidate) -> bool:
