@@ -27,6 +27,7 @@ from autotune.diagnosis.candidates import (
 from autotune.diagnosis.evidence.torque_path import lag_in_loop, late_anew, without_long_lag
 from autotune.diagnosis.free_shape import with_free_shape
 from autotune.diagnosis.refits import (
+    NEARLY,
     RIVAL_COST,
     best_refined,
     counted_beside,
@@ -40,6 +41,7 @@ from autotune.diagnosis.screening import (
     NEAR_WORTH,
     generic_gains,
     rank,
+    screen,
 )
 from autotune.diagnosis.search_state import SearchState
 from autotune.diagnosis.transmission import (
@@ -53,6 +55,8 @@ from autotune.estimation.problem import Problem
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
+MOST_EFFECTS = 3
+"""Effects that are added."""
 MOST_FITS = 4
 """Candidates fitted inside the twin in a round."""
 WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
@@ -316,7 +320,8 @@ def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidat
         best = replace(best, gain=_gain_where_one_tells(problem, state.model_fit, best))
     if state.worth_having(best):
         return best
-    return _worth_at_its_best(state, best) or _other_worth_having(state, fits, best)
+    led = _worth_at_its_best(state, best) or _other_worth_having(state, fits, best)
+    return led or _two_at_once(state, fits)
 
 
 def _other_worth_having(
@@ -331,6 +336,34 @@ def _other_worth_having(
         return None
     worth = [one for one in fits if one.effect != best.effect and state.worth_having(one)]
     return min(worth, key=lambda one: one.model_fit.fitted.cost, default=None)
+
+
+def _two_at_once(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidate | None:
+    """Beside what needs more for a name: two further effects, each of which explains hardly half of what it leaves.
+
+    Each is what the other leaves. With both that is nearly nothing, and without either half of it and more is back.
+    """
+    problem, before = state.problem, state.model_fit
+    room = len(before.effects) + 2 <= MOST_EFFECTS
+    if state.chosen is None or state.chosen.named or not state.evidence.repeats or not room:
+        return None
+    shares = {one.effect: explained_of_rest(problem, before, one.model_fit)[0].share for one in fits}
+    ranked = sorted(fits, key=lambda one: shares[one.effect], reverse=True)
+    loads = [one for one in ranked if EFFECTS[one.effect].in_transmission][:1]
+    pair = (loads + [one for one in ranked if not EFFECTS[one.effect].in_transmission])[:2]
+    if len(pair) < 2 or sum(shares[one.effect] for one in pair) < NEARLY:
+        return None
+    first, second = pair
+    state.progress(f"two further effects at once: {first.effect}, {second.effect}")
+    screened = screen(problem, state.evidence, first.model_fit, state.nominal, second.effect)
+    both = inside_twin(problem, state.root, first.model_fit, screened) if screened is not None else None
+    if both is None:
+        return None
+    alone = [part for one in pair for part in explained_of_rest(problem, one.model_fit, both.model_fit)]
+    if any(part.share < problem.policy.partly for part in alone):
+        return None
+    both = counted_beside(problem, before, both, both)
+    return both if state.worth_having(both) else None
 
 
 def _explains(state: SearchState, item: FittedCandidate) -> bool:

@@ -42,7 +42,7 @@ from autotune.diagnosis.refits import (
     with_noise_of,
     without_effect,
 )
-from autotune.diagnosis.rounds import best_in_haste, next_best, otherwise
+from autotune.diagnosis.rounds import MOST_EFFECTS, best_in_haste, next_best, otherwise
 from autotune.diagnosis.screening import (
     rows_back,
     screen,
@@ -64,8 +64,6 @@ from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_lag import TORQUE_LAG
 
 LAG = TORQUE_LAG.name
-MOST_EFFECTS = 3
-"""Effects that are added."""
 
 
 def search(
@@ -120,7 +118,7 @@ def _found_so_far(state: SearchState) -> Found:
 def _in_state(state: SearchState) -> Found:
     """What a search holds."""
     seen = (state.problem, state.root, state.chosen, state.first, state.tried, state.generic)
-    return Found(*seen, unloaded=state.unloaded)
+    return Found(*seen, unloaded=state.unloaded, later=state.later)
 
 
 def _found(state: SearchState) -> Found:
@@ -226,8 +224,8 @@ def _seek_on(state: SearchState) -> None:
             break
         state.keep(best)
         if not _shaped_instead(state, best):
+            left -= len(set(best.model_fit.effects).difference(state.model_fit.effects)) or 1
             take(state, best)
-            left -= 1
         state.keep()
 
 

@@ -55,6 +55,7 @@ class Found:
         beside: what that base was found beside.
         told_apart: rivals that err clearly more on other recordings.
         exchanged: of several effects, fits with another one in the place of one of them that have a name too.
+        later: fits of further effects, beside those that were chosen then.
         spring: the chosen model with a spring where it has hardly a gap; None where it has none, or is chosen itself.
         unloaded: the chosen effects without a second mass among them, where that tells of it; else None.
         delayed: whether a dead time of some rows does as well as the lag among them.
@@ -80,6 +81,17 @@ class Found:
     delayed: bool = False
     cut_short: bool = False
     without_twin: Sequence[ScreenedCandidate] = ()
+    later: Sequence[FittedCandidate] = ()
+
+    @property
+    def further(self) -> list[FittedCandidate]:
+        """Fits of one effect more than the chosen ones, none of which was taken."""
+        own = set(self.model_fit.effects)
+        return [
+            one
+            for one in self.later
+            if own == set(one.model_fit.effects) - {one.effect} and one.effect not in own
+        ]
 
     @property
     def model_fit(self) -> ModelFit:

@@ -468,7 +468,8 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root
     problem, root = facts.problem, facts.root
-    said += [left_note(problem, final)] * (case.verdict == NAMED and facts.evidence.repeats)
+    if case.verdict == NAMED and facts.evidence.repeats:
+        said.append(left_note(problem, final, found.further))
     own_axis = bool(problem.data.metadata.fingerprint)
     ask = next_experiment(
         case.verdict, effects, confusable, confidence, chosen, own_axis, _kinds(problem), problem.has(VETO)

@@ -10,7 +10,7 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.units import percent, torque_symbol
-from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
+from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, explained_of_rest
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.evidence.torque_path import CYCLES
@@ -195,8 +195,9 @@ OWN_RECORDER = (
 """Where the axis is not one that this program has recorded."""
 LEFT_BESIDE = (
     "Beside what is named an error of {times:.2g} times the noise is left that comes again: another effect, or another "
-    "law of what is named; where and when it is there, the page of autotune model compare --html shows."
+    "law of what is named{part}; where and when it is there, the page of autotune model compare --html shows."
 )
+PART_OF_REST = "; {effect} explains {percent:.0f} % of that and may be part of the truth"
 LOOKED_FOR = "effects that could be looked for"
 NEEDS_A_TWIN = "; what needs a twin was not looked for"
 GIVEN_AS = "Give it as a further file (autotune model diagnose FILE OTHER), or in this one, its rows labelled 'veto'."
@@ -638,14 +639,25 @@ def offset_note(packed: Packed, metadata: Metadata) -> str:
     return OFFSET.format(size=size, unit=unit, percent=percent(size / level))
 
 
-def left_note(problem: Problem, model_fit: ModelFit) -> str:
-    """What the model with all that is named leaves that comes again, where that is as much as the noise; else empty."""
+def left_note(problem: Problem, model_fit: ModelFit, further: Sequence[FittedCandidate] = ()) -> str:
+    """What the model with all that is named leaves that comes again, where that is as much as the noise; else empty.
+
+    `further`: effects fitted beside all that is named, and not taken; which of them explains most of that, and half
+    of training and veto each, is told.
+    """
     error = model_fit.fitted.error
     noise = problem.noise_variance(error, TRAINING)
     again = problem.mean_square(error, TRAINING) - noise
     if noise <= 0.0 or again < noise:
         return ""
-    return LEFT_BESIDE.format(times=math.sqrt(again / noise))
+    shares = [
+        min(part.share for part in explained_of_rest(problem, model_fit, one.model_fit)) for one in further
+    ]
+    share, best = max(zip(shares, further, strict=True), key=lambda pair: pair[0], default=(0.0, None))
+    part = ""
+    if best is not None and share >= problem.policy.partly:
+        part = PART_OF_REST.format(effect=best.effect.replace("_", " "), percent=100.0 * share)
+    return LEFT_BESIDE.format(times=math.sqrt(again / noise), part=part)
 
 
 def headline(
