@@ -643,17 +643,18 @@ def left_note(problem: Problem, model_fit: ModelFit, further: Sequence[FittedCan
     """What the model with all that is named leaves that comes again, where that is as much as the noise; else empty.
 
     `further`: effects fitted beside all that is named, and not taken; which of them explains most of that, and half
-    of training and veto each, is told.
+    of training and veto each, is told. Fits of other rows than those that are compared now say nothing.
     """
     error = model_fit.fitted.error
     noise = problem.noise_variance(error, TRAINING)
     again = problem.mean_square(error, TRAINING) - noise
     if noise <= 0.0 or again < noise:
         return ""
+    same = [one for one in further if np.shape(one.model_fit.fitted.error) == np.shape(error)]
     shares = [
-        min(part.share for part in explained_of_rest(problem, model_fit, one.model_fit)) for one in further
+        min(part.share for part in explained_of_rest(problem, model_fit, one.model_fit)) for one in same
     ]
-    share, best = max(zip(shares, further, strict=True), key=lambda pair: pair[0], default=(0.0, None))
+    share, best = max(zip(shares, same, strict=True), key=lambda pair: pair[0], default=(0.0, None))
     part = ""
     if best is not None and share >= problem.policy.partly:
         part = PART_OF_REST.format(effect=best.effect.replace("_", " "), percent=100.0 * share)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from autotune.diagnosis import rounds, wording
@@ -185,3 +186,18 @@ def test_what_explains_half_of_the_rest_beside_a_name_is_told_without_one(
     assert [one.effect for one in found.further] == ["direction_asymmetry"]
     text = left_note(problem, chosen.model_fit, found.further)
     assert f"another law of what is named{said};" in text
+
+
+def test_fits_of_other_rows_say_nothing_of_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows that were left out come back, or torque and motion are aligned anew, after an effect was looked at."""
+
+    def of_rest(*_: object) -> list[SimpleNamespace]:
+        raise AssertionError("rows that do not belong together")
+
+    monkeypatch.setattr(wording, "explained_of_rest", of_rest)
+    problem: Any = SimpleNamespace(policy=POLICY, noise_variance=lambda *_: 1.0, mean_square=lambda *_: 5.0)
+    chosen: Any = SimpleNamespace(fitted=SimpleNamespace(error=np.zeros(8)))
+    before: Any = SimpleNamespace(
+        effect="spring", model_fit=SimpleNamespace(fitted=SimpleNamespace(error=np.zeros(9)))
+    )
+    assert "another law of what is named; where" in left_note(problem, chosen, [before])
