@@ -214,7 +214,7 @@ def _seek(state: SearchState) -> None:
 
 def _seek_on(state: SearchState) -> None:
     """Adds effects beside what is chosen already; another course of one of them is none."""
-    left = MOST_EFFECTS - (len(state.chosen.model_fit.effects) if state.chosen is not None else 0)
+    left = MOST_EFFECTS - _count(state.chosen)
     while left > 0:
         if state.chosen is not None and state.chosen.named and not state.more_to_explain(state.model_fit):
             break
@@ -224,9 +224,14 @@ def _seek_on(state: SearchState) -> None:
             break
         state.keep(best)
         if not _shaped_instead(state, best):
-            left -= len(set(best.model_fit.effects).difference(state.model_fit.effects)) or 1
+            left -= max(_count(best) - _count(state.chosen), 1)
             take(state, best)
         state.keep()
+
+
+def _count(chosen: FittedCandidate | None) -> int:
+    """How many effects a model that was found has; 0 where there is none."""
+    return len(chosen.model_fit.effects) if chosen is not None else 0
 
 
 def _shaped_instead(state: SearchState, further: FittedCandidate) -> bool:
