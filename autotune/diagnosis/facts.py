@@ -16,7 +16,6 @@ from autotune.diagnosis.candidates import (
     explained_of_rest,
     is_end_of,
 )
-from autotune.diagnosis.contact_laws import EFFECT as MEMORY
 from autotune.diagnosis.contact_laws import climbs_otherwise, is_a_memory
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
@@ -616,7 +615,7 @@ def _with_own_course(facts: Facts, effect: str) -> FittedCandidate | None:
 def _unsought(facts: Facts, effect: str) -> float:
     """What an effect that was no candidate may gain: nothing where it was looked for and no term of it stood out."""
     kind, problem = EFFECTS[effect], facts.problem
-    if effect == MEMORY and _remembers_in_the_base(facts):
+    if effect == REVERSAL_MEMORY.name and _remembers_in_the_base(facts):
         return 0.0
     if not kind.may_grow or kind not in problem.candidates:
         return math.inf

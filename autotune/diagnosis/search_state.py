@@ -87,11 +87,7 @@ class Found:
     def further(self) -> list[FittedCandidate]:
         """Fits of one effect more than the chosen ones, none of which was taken."""
         own = set(self.model_fit.effects)
-        return [
-            one
-            for one in self.later
-            if own == set(one.model_fit.effects) - {one.effect} and one.effect not in own
-        ]
+        return [one for one in self.later if own == set(one.model_fit.effects) - {one.effect}]
 
     @property
     def model_fit(self) -> ModelFit:

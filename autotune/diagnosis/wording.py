@@ -197,7 +197,7 @@ LEFT_BESIDE = (
     "Beside what is named an error of {times:.2g} times the noise is left that comes again: another effect, or another "
     "law of what is named{part}; where and when it is there, the page of autotune model compare --html shows."
 )
-PART_OF_REST = "; {effect} explains {percent:.0f} % of that and may be part of the truth"
+PART_OF_REST = "; {effect} explains {percent} % of that and may be part of the truth"
 LOOKED_FOR = "effects that could be looked for"
 NEEDS_A_TWIN = "; what needs a twin was not looked for"
 GIVEN_AS = "Give it as a further file (autotune model diagnose FILE OTHER), or in this one, its rows labelled 'veto'."
@@ -651,13 +651,14 @@ def left_note(problem: Problem, model_fit: ModelFit, further: Sequence[FittedCan
     if noise <= 0.0 or again < noise:
         return ""
     same = [one for one in further if np.shape(one.model_fit.fitted.error) == np.shape(error)]
-    shares = [
-        min(part.share for part in explained_of_rest(problem, model_fit, one.model_fit)) for one in same
-    ]
-    share, best = max(zip(shares, same, strict=True), key=lambda pair: pair[0], default=(0.0, None))
+    shares = {
+        one.effect: min(part.share for part in explained_of_rest(problem, model_fit, one.model_fit))
+        for one in same
+    }
+    best = max(shares, key=shares.__getitem__, default=None)
     part = ""
-    if best is not None and share >= problem.policy.partly:
-        part = PART_OF_REST.format(effect=best.effect.replace("_", " "), percent=100.0 * share)
+    if best is not None and shares[best] >= problem.policy.partly:
+        part = PART_OF_REST.format(effect=best.replace("_", " "), percent=percent(shares[best]))
     return LEFT_BESIDE.format(times=math.sqrt(again / noise), part=part)
 
 
