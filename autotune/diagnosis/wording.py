@@ -651,14 +651,14 @@ def left_note(problem: Problem, model_fit: ModelFit, further: Sequence[FittedCan
     if noise <= 0.0 or again < noise:
         return ""
     same = [one for one in further if np.shape(one.model_fit.fitted.error) == np.shape(error)]
-    shares = {
-        one.effect: min(part.share for part in explained_of_rest(problem, model_fit, one.model_fit))
+    shares = [
+        (min(part.share for part in explained_of_rest(problem, model_fit, one.model_fit)), one.effect)
         for one in same
-    }
-    best = max(shares, key=shares.__getitem__, default=None)
+    ]
+    share, effect = max(shares, default=(0.0, ""))
     part = ""
-    if best is not None and shares[best] >= problem.policy.partly:
-        part = PART_OF_REST.format(effect=best.replace("_", " "), percent=percent(shares[best]))
+    if effect and share >= problem.policy.partly:
+        part = PART_OF_REST.format(effect=effect.replace("_", " "), percent=percent(share))
     return LEFT_BESIDE.format(times=math.sqrt(again / noise), part=part)
 
 

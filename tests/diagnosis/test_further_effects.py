@@ -4,7 +4,7 @@ that was not taken."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,42 +17,27 @@ from autotune.diagnosis.rounds import _other_worth_having, _two_at_once
 from autotune.diagnosis.search_state import Found, SearchState
 from autotune.diagnosis.wording import left_note
 from autotune.estimation.policy import POLICY
+from tests.support.fitted import Item
 
 
-@dataclass(frozen=True)
-class _Model:
-    """A fitted model: its effects, what it leaves [(N m)²], and what it explains of what others leave."""
-
-    effects: tuple[str, ...]
-    cost: float = 1.0
-
-    @property
-    def fitted(self) -> SimpleNamespace:
-        return SimpleNamespace(cost=self.cost, error=None)
+def _model(*effects: str, cost: float = 1.0) -> SimpleNamespace:
+    """A fitted model: its effects, and what it leaves [(N m)²]."""
+    return SimpleNamespace(effects=effects, fitted=SimpleNamespace(cost=cost, error=None))
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """A candidate that was fitted inside the twin."""
-
-    effect: str
-    model_fit: _Model
-    named: bool = False
+def _beside(first: str, effect: str, cost: float = 1.0) -> Item:
+    return Item(effect, _model(first, effect, cost=cost), named=False)
 
 
-def _beside(first: str, effect: str, cost: float = 1.0) -> _Fit:
-    return _Fit(effect, _Model((first, effect), cost))
-
-
-def _search(chosen: _Fit | None, repeats: bool = True) -> SearchState:
+def _search(chosen: Item | None, repeats: bool = True) -> SearchState:
     evidence: Any = SimpleNamespace(repeats=repeats)
     problem: Any = SimpleNamespace(policy=POLICY)
-    root: Any = _Model(())
+    root: Any = _model()
     told: Any = chosen
     return SearchState(problem, root, None, no_progress, evidence, chosen=told)  # type: ignore[arg-type]
 
 
-STRIBECK = _Fit("stribeck", _Model(("stribeck",)))
+STRIBECK = Item("stribeck", _model("stribeck"), named=False)
 FITS = [
     _beside("stribeck", "position_dependent_friction", 0.6),
     _beside("stribeck", "torque_ripple", 0.5),
@@ -67,7 +52,7 @@ FITS = [
         (STRIBECK, {"spring"}, "spring"),
         (STRIBECK, {"position_dependent_friction"}, None),  # the best itself, which was asked before
         (STRIBECK, set(), None),
-        (_Fit("stribeck", STRIBECK.model_fit, named=True), {"torque_ripple"}, None),
+        (replace(STRIBECK, named=True), {"torque_ripple"}, None),
         (None, {"torque_ripple"}, None),
     ],
     ids=[
@@ -80,7 +65,7 @@ FITS = [
     ],
 )
 def test_another_further_effect_is_taken_where_the_best_is_not_worth_having(
-    monkeypatch: pytest.MonkeyPatch, chosen: _Fit | None, worth: set[str], taken: str | None
+    monkeypatch: pytest.MonkeyPatch, chosen: Item | None, worth: set[str], taken: str | None
 ) -> None:
     """A ripple and a tight spot beside Stribeck friction: 52 and 43 % of what that left, and the spot predicted better.
 
@@ -95,19 +80,19 @@ def _two(
     monkeypatch: pytest.MonkeyPatch,
     shares: dict[str, float],
     beside_each: Sequence[float],
-    chosen: _Fit | None = STRIBECK,
+    chosen: Item | None = STRIBECK,
     repeats: bool = True,
 ) -> tuple[str, ...] | None:
     """The effects of what is taken: `shares` of what is chosen leaves, `beside_each` what both explain of its rest."""
     fits = [_beside("stribeck", effect) for effect in shares]
 
-    def of_rest(_: object, before: _Model, after: _Model) -> list[SimpleNamespace]:
+    def of_rest(_: object, before: SimpleNamespace, after: SimpleNamespace) -> list[SimpleNamespace]:
         if len(after.effects) == 2:
             return [SimpleNamespace(share=shares[after.effects[-1]])]
         return [SimpleNamespace(share=beside_each[0]), SimpleNamespace(share=beside_each[1])]
 
-    def fitted(_: object, __: object, before: _Model, screened: str) -> _Fit:
-        return _Fit(screened, _Model((*before.effects, screened)))
+    def fitted(_: object, __: object, before: SimpleNamespace, screened: str) -> Item:
+        return Item(screened, _model(*before.effects, screened))
 
     monkeypatch.setattr(rounds, "explained_of_rest", of_rest)
     monkeypatch.setattr(rounds, "screen", lambda *given: given[-1])
@@ -148,15 +133,15 @@ def test_no_two_at_once_where_either_does_without_the_other(
 @pytest.mark.parametrize(
     ("chosen", "repeats"),
     [
-        (_Fit("stribeck", STRIBECK.model_fit, named=True), True),
-        (_Fit("spring", _Model(("stribeck", "spring"))), True),
+        (replace(STRIBECK, named=True), True),
+        (_beside("stribeck", "spring"), True),
         (None, True),
         (STRIBECK, False),
     ],
     ids=["beside a name", "no room for two", "beside nothing", "a lone recording"],
 )
 def test_nor_where_nothing_asks_for_them(
-    monkeypatch: pytest.MonkeyPatch, chosen: _Fit | None, repeats: bool
+    monkeypatch: pytest.MonkeyPatch, chosen: Item | None, repeats: bool
 ) -> None:
     shares = {"spring": 0.45, "elastic_transmission": 0.498}
     assert _two(monkeypatch, shares, (0.7, 0.6), chosen, repeats) is None
@@ -177,7 +162,7 @@ def test_what_explains_half_of_the_rest_beside_a_name_is_told_without_one(
         wording, "explained_of_rest", lambda *_: [SimpleNamespace(share=share) for share in shares]
     )
     problem: Any = SimpleNamespace(policy=POLICY, noise_variance=lambda *_: 1.0, mean_square=lambda *_: 5.0)
-    chosen: Any = _Fit("elastic_transmission", _Model(("elastic_transmission",)), named=True)
+    chosen: Any = Item("elastic_transmission", _model("elastic_transmission"))
     later: Any = [
         _beside("elastic_transmission", "direction_asymmetry"),
         _beside("stribeck", "torque_ripple"),  # beside another one
