@@ -8,6 +8,7 @@ an effect is needed no more beside it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from autotune.diagnosis.base_laws import BASE_LAWS, CLIMB_LAW, BaseLaw, with_base_shapes
 from autotune.diagnosis.candidates import (
@@ -201,7 +202,7 @@ def _root_beside(state: SearchState, chosen: FittedCandidate) -> ModelFit | None
     if not beside:
         return None
     law, after = min(beside, key=lambda item: item[1].fitted.cost)
-    state.beside = after
+    state.beside = replace(chosen, model_fit=after)
     starts = [taken_out(state.root, after, *after.effects)]
     if max(law.slots) < layout.BASE_PARAMETERS:
         p = state.root.fitted.packed.p.copy()

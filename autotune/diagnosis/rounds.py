@@ -193,11 +193,11 @@ def _as_beside(state: SearchState, fits: list[FittedCandidate]) -> list[FittedCa
     if state.beside is None:
         return fits
     state.progress("what the law of the base was found beside")
-    known = state.beside.fitted
-    again = fit_inside_twin(state.problem, known.packed, list(known.free), 2, state.beside.effects)
+    known = state.beside.model_fit
+    again = fit_inside_twin(state.problem, known.fitted.packed, list(known.free), 2, known.effects)
     if again is None:
         return fits
-    found = judged(state.problem, state.root, again, again.effects[-1])
+    found = judged(state.problem, state.root, again, again.effects[-1]).with_courses_of(state.beside)
     same = [one for one in fits if one.model_fit.effects == again.effects]
     if any(one.model_fit.fitted.cost < again.fitted.cost for one in same):
         return fits

@@ -72,7 +72,7 @@ def search(
     nominal: Packed,
     progress: Progress,
     may_begin_again: bool = False,
-    beside: ModelFit | None = None,
+    beside: FittedCandidate | None = None,
     until: float = math.inf,
 ) -> Found:
     """Adds the best candidate until nothing more is found, and drops what is not needed beside the others.

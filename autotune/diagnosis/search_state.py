@@ -73,7 +73,7 @@ class Found:
     sliding: Problem | None = None
     base: tuple[str, ...] = ()
     begin_again: Packed | None = None
-    beside: ModelFit | None = None
+    beside: FittedCandidate | None = None
     told_apart: tuple[str, ...] = ()
     exchanged: Sequence[FittedCandidate] = ()
     spring: FittedCandidate | None = None
@@ -115,7 +115,7 @@ class SearchState:
     may_begin_again: bool = False
     begin_again: Packed | None = None
     outdone: ModelFit | None = None
-    beside: ModelFit | None = None
+    beside: FittedCandidate | None = None
     chosen: FittedCandidate | None = None
     seen: list[ModelFit] = field(default_factory=list)
     first: Sequence[ScreenedCandidate] = ()

@@ -242,7 +242,7 @@ def _searched(
             if candidates is not None:
                 problem = replace(problem, candidates=tuple(candidates))
             beside = earlier.beside if earlier is not None else None
-            if earlier is not None and beside is not None and _leaves_more(problem, beside):
+            if earlier is not None and beside is not None and _leaves_more(problem, beside.model_fit):
                 problem, root, notes = earlier.problem, earlier.root, said
         found = search(problem, root, nominal, progress, earlier is None, beside, until)
         if found.begin_again is None:

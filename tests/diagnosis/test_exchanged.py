@@ -80,7 +80,7 @@ def test_a_rival_of_a_later_round_is_called_by_what_is_new_in_it(monkeypatch: py
     monkeypatch.setattr(backward, "in_place_of", in_place_of)
     given: Any = (problem_of(), None, None, no_progress)
     chosen = item("spring", "stribeck", "thermal_drift")
-    Backward(*given)._in_place(chosen, item("gravity_imbalance", "stribeck"))
+    Backward(*given).in_place(chosen, item("gravity_imbalance", "stribeck"))
     assert asked == [("spring", "gravity_imbalance")]
 
 
@@ -106,7 +106,7 @@ def test_what_a_rival_left_of_an_earlier_torque_does_not_rule_it_out(
     monkeypatch.setattr(backward, "fit_inside_twin", lambda *_: rival.model_fit)
     monkeypatch.setattr(backward, "judged_again", lambda *_: rival)
     given: Any = (problem_of(), None, None, no_progress)
-    assert (Backward(*given)._in_place(chosen, rival) is rival) is asked
+    assert (Backward(*given).in_place(chosen, rival) is rival) is asked
 
 
 def test_what_looks_like_the_first_effect_stays_its_rival(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,6 +120,49 @@ def test_what_looks_like_the_first_effect_stays_its_rival(monkeypatch: pytest.Mo
     state = state_of(chosen, tried, monkeypatch)
     assert [one.effect for one in backward._like_the_first(state, chosen)] == ["gravity_imbalance"]
     assert backward._like_the_first(state, tried[0]) == [], "a single effect has its rivals already"
+
+
+@pytest.mark.parametrize(
+    ("left", "freed", "certain", "first"),
+    [
+        (0.5, {"torque_saturation": False}, True, "load_dependent_friction"),
+        (1.2, {"torque_saturation": False}, True, "torque_saturation"),
+        (0.5, {}, True, "torque_saturation"),
+        (0.5, {"torque_saturation": False}, False, "torque_saturation"),
+    ],
+    ids=["it leaves less", "it leaves more", "by a law of its own", "where nothing is left"],
+)
+def test_beside_a_free_course_what_looks_alike_has_its_own(
+    monkeypatch: pytest.MonkeyPatch, left: float, freed: dict[str, bool], certain: bool, first: str
+) -> None:
+    """Friction that the load presses by a root, told as a motor that saturates by a course, beside a ripple.
+
+    By its own law it left 1.8 times as much in the motor's place, and was no rival; by its course 0.45 times.
+    """
+    motor, pressed = item("torque_saturation", gain=0.6), item("load_dependent_friction", gain=0.5)
+    state = state_of(motor, (motor, pressed), monkeypatch)
+    chosen = replace(item("torque_saturation", "torque_ripple"), freed=freed)
+    in_place = item("load_dependent_friction", "torque_ripple", left=1.8)
+    monkeypatch.setattr(Backward, "in_place", lambda *_: in_place)
+    monkeypatch.setattr(
+        SearchState, "shaped", lambda *_: item("load_dependent_friction", "torque_ripple", left=left)
+    )
+    monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: certain)
+    found, rivals = backward._or_alike_by_its_course(state, chosen)
+    assert found.model_fit.effects == (first, "torque_ripple")
+    assert [one.effect for one in rivals] == ([] if first == "torque_saturation" else ["torque_saturation"])
+
+
+def test_what_a_base_was_found_beside_keeps_the_mark_of_its_course(monkeypatch: pytest.MonkeyPatch) -> None:
+    state = state_of(None, (), monkeypatch)
+    again = item("torque_saturation").model_fit
+    known = SimpleNamespace(effects=("torque_saturation",), free=(), fitted=SimpleNamespace(packed=None))
+    again.fitted.cost = 1.0
+    state.beside = Item("torque_saturation", known, freed={"torque_saturation": False})
+    monkeypatch.setattr(rounds, "fit_inside_twin", lambda *_: again)
+    monkeypatch.setattr(rounds, "judged", lambda *_: Item("torque_saturation", again))
+    (found,) = rounds._as_beside(state, [])
+    assert found.freed == {"torque_saturation": False}
 
 
 def test_a_candidate_that_is_displaced_is_a_rival_at_its_best(monkeypatch: pytest.MonkeyPatch) -> None:

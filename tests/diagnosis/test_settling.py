@@ -86,7 +86,11 @@ def test_a_search_that_begins_again_is_no_worse_beside_what_was_found(
         last = len(asked) == 2
         seen = Beginning("led on" if not last else problem.name)
         found: Any = (seen, fit(1.0), None, (), (), {})
-        return Found(*found, begin_again=None if last else "packed", beside=None if last else fit(1.0))  # type: ignore[arg-type]
+        return Found(
+            *found,
+            begin_again=None if last else "packed",
+            beside=None if last else SimpleNamespace(model_fit=fit(1.0)),
+        )  # type: ignore[arg-type]
 
     for name, told in {
         "begin": begin,
