@@ -55,6 +55,7 @@ from autotune.estimation.cross_validation import (
     still_explainable,
 )
 from autotune.estimation.data import TRAINING
+from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
 from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE
 from autotune.models.reversal_memory import REVERSAL_MEMORY, contact, stands_alone
@@ -89,6 +90,7 @@ class Facts:
         coordinate, generic: the free function that gains most, and its gain.
         left: what the root leaves is more than noise, chance and the measurement chain make; where that is asked.
         overlooked: a candidate that gains too much to be nothing, though it cannot be named.
+        by_twin_only: where there is no twin, a second mass that gains more than anything else: told, and no reason.
         rivals: effects that explain as much as the chosen one, or as that one of several in whose place they are.
         freed: those whose course was fitted freely, and whether their own law would have named them too.
         presliding: that of another law, which the root has.
@@ -127,6 +129,7 @@ class Facts:
     left: bool = True
     breathing: TimeLine | None = None
     overlooked: ScreenedCandidate | None = None
+    by_twin_only: ScreenedCandidate | None = None
     hunts: float = 0.0
     alike: bool = False
     climbing: bool = False
@@ -435,6 +438,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     if named:
         return _or_a_ripple(_or_a_weight(facts, found.told_apart), found.told_apart)
     facts = replace(facts, overlooked=evidence.overlooked(problem, root, [*found.first, *found.without_twin]))
+    facts = replace(facts, by_twin_only=_leading_mass(problem.policy, found))
     if found.cut_short and not facts.plainly:  # nothing of what is asked below changes the verdict
         return facts
     # beside friction that warms, what is left of its slow course is no preload that something moves
@@ -444,6 +448,19 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     left = left or (chosen is None and _of_place(problem, root))
     climbing = found.sliding is not None and not left and _something_left(facts, problem)
     return replace(facts, left=left, climbing=climbing)
+
+
+def _leading_mass(policy: Policy, found: Found) -> ScreenedCandidate | None:
+    """The second mass that gains more along the measured motion than anything else, beyond doubt; None where none does.
+
+    What halves the error on unseen experiments is a reason for "unknown" (`Evidence.overlooked`); what gains less is
+    none, and still the first thing to look for.
+    """
+    best = max(found.without_twin, key=lambda item: item.gain, default=None)
+    others = max((item.gain for item in found.first), default=0.0)
+    if best is None or best.gain < max(policy.clear_gain, others) or best.z < policy.least_z:
+        return None
+    return best
 
 
 def _or_a_weight(facts: Facts, told_apart: Sequence[str]) -> Facts:

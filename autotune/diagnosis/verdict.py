@@ -15,6 +15,7 @@ from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
+    ScreenedCandidate,
     error_left,
     model_from,
     no_progress,
@@ -279,16 +280,20 @@ class Case:
     sentence: Callable[[Facts], str]
 
 
+def _nearly_told(facts: Facts) -> ScreenedCandidate | None:
+    """What may be what is unknown, and could not be named."""
+    return facts.overlooked or facts.by_twin_only
+
+
 def _unknown(facts: Facts) -> str:
     if facts.drowned:
         return DROWNED
     known = (facts.coordinate, facts.generic, facts.chosen, facts.tried)
     text = unknown_note(facts.problem, facts.evidence, *known, nearly=facts.overlooked is not None)
-    if facts.overlooked is None:
+    told = _nearly_told(facts)
+    if told is None or (facts.chosen is not None and not facts.evidence.needs_twin(facts.problem, told)):
         return text
-    if facts.chosen is not None and not facts.evidence.needs_twin(facts.problem, facts.overlooked):
-        return text
-    return f"{text} {nearest(facts.problem, facts.evidence, facts.root, facts.overlooked, facts.tried).capitalize()}"
+    return f"{text} {nearest(facts.problem, facts.evidence, facts.root, told, facts.tried).capitalize()}"
 
 
 def _outdone(facts: Facts) -> str:
@@ -452,6 +457,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     codes = missing_codes_note(facts.problem.data)
     bent = [TOLD_WITHOUT] * (case.verdict == UNKNOWN and told_late(facts.problem.data))
     said = [*path, *bent, *lines, codes, case.sentence(facts)]
+    told = _nearly_told(facts) if case.sentence is _unknown else facts.overlooked
     said += [f"Suspected only: {', and '.join(doubts)}."] * bool(doubts)
     said += (
         [_unlike(facts)] * bool(effects)
@@ -463,7 +469,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         + list(facts.base)
         + [offset_note(facts.root.fitted.packed, facts.problem.data.metadata)]
         * (case.verdict in (NONE, UNKNOWN))
-        + list(not_looked_for(facts.problem, facts.evidence, facts.overlooked))
+        + list(not_looked_for(facts.problem, facts.evidence, told))
     )
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root

@@ -11,7 +11,7 @@ import pytest
 
 from autotune.core.errors import ConfigurationError, a_few
 from autotune.core.units import percent
-from autotune.diagnosis import search, wording
+from autotune.diagnosis import facts, search, wording
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.wording import (
     MOST_NAMES,
@@ -383,6 +383,20 @@ def test_a_gap_that_only_a_twin_could_tell_comes_nearest_and_is_no_name(twin: bo
         "Without a twin elastic transmission and torque lag cannot be told, and were not looked for" in rest
     )
     assert "elastic transmission, backlash and torque lag" in not_looked_for(problem, evidence)[0]
+
+
+@pytest.mark.parametrize(
+    ("gain", "z", "other", "told"),
+    [(0.39, 4.6, 0.02, True), (0.39, 1.9, 0.02, False), (0.39, 4.6, 0.5, False), (0.05, 4.6, 0.02, False)],
+    ids=["leads", "by chance", "another one gains more", "a crumb"],
+)
+def test_a_second_mass_that_only_a_twin_could_tell_is_told_where_it_leads(
+    gain: float, z: float, other: float, told: bool
+) -> None:
+    """Behind a cascade whose elasticity spoils the twin that would tell it (the 61st outsider's 18)."""
+    mass = SimpleNamespace(effect="elastic_transmission", gain=gain, z=z)
+    found: Any = SimpleNamespace(without_twin=[mass], first=[SimpleNamespace(gain=other)])
+    assert (facts._leading_mass(POLICY, found) is mass) is told
 
 
 @pytest.mark.parametrize(
