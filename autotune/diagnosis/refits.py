@@ -276,8 +276,15 @@ def unsettled(problem: Problem, chosen: FittedCandidate) -> bool:
     return problem.policy.partly < chosen.share < REFINED
 
 
-def refined(problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress) -> FittedCandidate:
-    """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
+def refined(
+    problem: Problem,
+    root: ModelFit,
+    chosen: FittedCandidate,
+    progress: Progress,
+    enough: float = REFINED,
+) -> FittedCandidate:
+    """More rounds of the same fit, as long as they help and it explains less than `enough`: two masses need them, and
+    what they leave misleads."""
     damped = damped_as_twins_creep(problem, chosen.model_fit)
     if damped is not chosen.model_fit:
         chosen = judged_again(problem, root, chosen, damped)
@@ -294,7 +301,7 @@ def refined(problem: Problem, root: ModelFit, chosen: FittedCandidate, progress:
         gained = 1.0 - better.fitted.cost / model_fit.fitted.cost
         converged = better.converged or gained < WORTH_ANOTHER_ROUND
         chosen = judged_again(problem, root, chosen, replace(better, converged=converged))
-        if chosen.share >= REFINED:
+        if chosen.share >= enough:
             break
     return chosen
 

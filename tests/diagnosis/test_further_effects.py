@@ -3,6 +3,7 @@ that was not taken."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
@@ -13,7 +14,7 @@ import pytest
 
 from autotune.diagnosis import rounds, wording
 from autotune.diagnosis.candidates import no_progress
-from autotune.diagnosis.rounds import _other_worth_having, _two_at_once
+from autotune.diagnosis.rounds import _led_beside, _other_by_its_course, _other_worth_having, _two_at_once
 from autotune.diagnosis.search_state import Found, SearchState
 from autotune.diagnosis.wording import left_note
 from autotune.estimation.policy import POLICY
@@ -145,6 +146,66 @@ def test_nor_where_nothing_asks_for_them(
 ) -> None:
     shares = {"spring": 0.45, "elastic_transmission": 0.498}
     assert _two(monkeypatch, shares, (0.7, 0.6), chosen, repeats) is None
+
+
+NAMED = replace(STRIBECK, named=True)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "shares", "converged", "led_on"),
+    [
+        (NAMED, (0.90, 0.83), False, True),
+        (NAMED, (0.90, 0.45), False, False),
+        (NAMED, (0.999, 0.999), False, False),
+        (NAMED, (0.90, 0.83), True, False),
+        (STRIBECK, (0.90, 0.83), False, False),
+    ],
+    ids=["most of the rest", "not half of it", "settled", "converged", "beside what has no name"],
+)
+def test_beside_a_name_what_explains_most_of_the_rest_is_led_on(
+    monkeypatch: pytest.MonkeyPatch, chosen: Item, shares: tuple[float, ...], converged: bool, led_on: bool
+) -> None:
+    """With what is named it explains 99.8 % of all after a step, and looked settled at 90 and 83 % of the rest."""
+    item: Any = _beside("stribeck", "torque_saturation", 0.5)
+    item.model_fit.converged = converged
+    led = _beside("stribeck", "torque_saturation", 0.4)
+    monkeypatch.setattr(
+        rounds, "explained_of_rest", lambda *_: [SimpleNamespace(share=one) for one in shares]
+    )
+    monkeypatch.setattr(rounds, "refined", lambda *_, enough: led if enough == math.inf else item)
+    monkeypatch.setattr(rounds, "counted_beside", lambda *given: given[-1])
+    found = _led_beside(_search(chosen), item)
+    assert found.model_fit is (led if led_on else item).model_fit
+
+
+@pytest.mark.parametrize(
+    ("chosen", "worth", "by_course", "half", "taken"),
+    [
+        (NAMED, set(), {"torque_ripple"}, 0.8, "torque_ripple"),
+        (NAMED, {"spring"}, set(), 0.8, "spring"),
+        (NAMED, set(), {"position_dependent_friction"}, 0.8, None),  # the best, which was asked before
+        (NAMED, set(), {"torque_ripple"}, 0.4, None),
+        (STRIBECK, set(), {"torque_ripple"}, 0.8, None),
+        (None, set(), {"torque_ripple"}, 0.8, None),
+    ],
+    ids=["by its course", "by its own law", "the best one", "not half", "beside no name", "beside nothing"],
+)
+def test_beside_a_name_another_one_is_taken_by_its_course_where_the_best_is_not_worth_having(
+    monkeypatch: pytest.MonkeyPatch,
+    chosen: Item | None,
+    worth: set[str],
+    by_course: set[str],
+    half: float,
+    taken: str | None,
+) -> None:
+    """A motor that saturates, or friction that the load presses, beside Stribeck friction: either may leave less."""
+    monkeypatch.setattr(SearchState, "worth_having", lambda _, one: one.effect in worth)
+    monkeypatch.setattr(rounds, "explained_of_rest", lambda *_: [SimpleNamespace(share=half)])
+    monkeypatch.setattr(
+        rounds, "_worth_by_its_course", lambda _, one: one if one.effect in by_course else None
+    )
+    found = _other_by_its_course(_search(chosen), FITS, FITS[0])  # type: ignore[arg-type]
+    assert (found.effect if found is not None else None) == taken
 
 
 @pytest.mark.parametrize(
