@@ -245,10 +245,9 @@ def _led_beside(state: SearchState, item: FittedCandidate) -> FittedCandidate:
     which explained 99 %, a motor that saturates was 90 and 83 % of the rest and not taken.
     """
     problem, before, policy = state.problem, state.model_fit, state.problem.policy
-    if state.chosen is None or not state.chosen.named or item.model_fit.converged:
-        return item
-    share = min(part.share for part in explained_of_rest(problem, before, item.model_fit))
-    if not policy.partly < share < REFINED:
+    asked = state.chosen is not None and state.chosen.named and not item.model_fit.converged
+    parts = explained_of_rest(problem, before, item.model_fit) if asked else []
+    if not policy.partly < min((part.share for part in parts), default=0.0) < REFINED:
         return item
     led = refined(problem, state.root, item, state.progress, enough=math.inf)
     return counted_beside(problem, before, item, replace(led, effect=item.effect))
@@ -362,8 +361,8 @@ def _other_by_its_course(
 ) -> FittedCandidate | None:
     """Beside what has a name: another further effect that by its course is worth having, where the best is not.
 
-    By their own laws two that look alike explain about as much of the rest, and which of them leaves less is chance:
-    beside Stribeck friction a motor that saturates was 91 and 90 % of it, friction that the load presses 85 and 90.
+    By their own laws two that look alike explain about as much of the rest: beside Stribeck friction a motor that
+    saturates 91 and 90 %, friction that the load presses 85 and 90.
     """
     if state.chosen is None or not state.chosen.named or not state.evidence.repeats:
         return None

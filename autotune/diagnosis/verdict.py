@@ -285,6 +285,11 @@ def _nearly_told(facts: Facts) -> ScreenedCandidate | None:
     return facts.overlooked or facts.by_twin_only
 
 
+def _said_nearly(facts: Facts, case: Case) -> ScreenedCandidate | None:
+    """The same where the verdict's sentence is on it."""
+    return _nearly_told(facts) if case.sentence is _unknown else facts.overlooked
+
+
 def _unknown(facts: Facts) -> str:
     if facts.drowned:
         return DROWNED
@@ -294,6 +299,16 @@ def _unknown(facts: Facts) -> str:
     if told is None or (facts.chosen is not None and not facts.evidence.needs_twin(facts.problem, told)):
         return text
     return f"{text} {nearest(facts.problem, facts.evidence, facts.root, told, facts.tried).capitalize()}"
+
+
+def _so_far(facts: Facts) -> str:
+    """What came nearest until the time was up; nothing where none explains half."""
+    asked = [*facts.tried, *filter(None, [facts.chosen])]
+    best = max(asked, key=lambda item: item.share, default=None)
+    if best is None or best.share < facts.problem.policy.partly:
+        return ""
+    names = " and ".join(best.model_fit.effects).replace("_", " ")
+    return f"{names.capitalize()} came nearest until then: {facts.evidence.explains(best)}."
 
 
 def _outdone(facts: Facts) -> str:
@@ -419,7 +434,7 @@ CASES: tuple[Case, ...] = (
         AMBIGUOUS,
         _its_course,
     ),
-    Case("its time was up", lambda f: f.cut_short, UNKNOWN, lambda f: ""),
+    Case("its time was up", lambda f: f.cut_short, UNKNOWN, _so_far),
     Case("friction rises and falls with the clock", lambda f: f.breathing is not None, UNKNOWN, _breathing),
     Case(
         "a force in step with the clock comes and goes",
@@ -457,7 +472,6 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     codes = missing_codes_note(facts.problem.data)
     bent = [TOLD_WITHOUT] * (case.verdict == UNKNOWN and told_late(facts.problem.data))
     said = [*path, *bent, *lines, codes, case.sentence(facts)]
-    told = _nearly_told(facts) if case.sentence is _unknown else facts.overlooked
     said += [f"Suspected only: {', and '.join(doubts)}."] * bool(doubts)
     said += (
         [_unlike(facts)] * bool(effects)
@@ -469,7 +483,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         + list(facts.base)
         + [offset_note(facts.root.fitted.packed, facts.problem.data.metadata)]
         * (case.verdict in (NONE, UNKNOWN))
-        + list(not_looked_for(facts.problem, facts.evidence, told))
+        + list(not_looked_for(facts.problem, facts.evidence, _said_nearly(facts, case)))
     )
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root

@@ -71,6 +71,24 @@ def _row(**facts: object) -> tuple[str, str]:
     return case.verdict, case.name
 
 
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [
+        (0.85, "Elastic transmission came nearest until then: explains 85 % of it."),
+        (0.4, ""),
+    ],
+)
+def test_what_came_nearest_is_told_where_the_time_was_up(share: float, said: str) -> None:
+    """A transmission that explained 85 and 93 % as its time was up was a row in a table only (62nd outsider, 10)."""
+    nearest = SimpleNamespace(model_fit=SimpleNamespace(effects=(SPRUNG,)), share=share)
+    evidence = SimpleNamespace(explains=lambda item: f"explains {100 * item.share:.0f} % of it")
+    facts = SimpleNamespace(
+        tried=[nearest], chosen=None, problem=SimpleNamespace(policy=POLICY), evidence=evidence
+    )
+    case = next(case for case in CASES if case.name == "its time was up")
+    assert case.sentence(facts) == said
+
+
 def test_a_stranger_is_described_and_not_named() -> None:
     case = next(case for case in CASES if "proportion" in case.name)
     text = case.sentence(SimpleNamespace(proportion=CRANK))
