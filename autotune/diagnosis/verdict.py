@@ -287,7 +287,8 @@ def _nearly_told(facts: Facts) -> ScreenedCandidate | None:
 
 def _said_nearly(facts: Facts, case: Case) -> ScreenedCandidate | None:
     """The same where the verdict's sentence is on it."""
-    return _nearly_told(facts) if case.sentence is _unknown else facts.overlooked
+    told = case.sentence is _unknown and not facts.drowned
+    return _nearly_told(facts) if told else facts.overlooked
 
 
 def _unknown(facts: Facts) -> str:
