@@ -544,9 +544,9 @@ def relaxed_note(effect: str, others: Sequence[str], held: float, seconds: float
     found = f"Beside {beside} a {name} explains most of the rest" if others else f"A {name} explains most"
     memory = "; a memory by another law looks so, too" if REVERSAL_MEMORY.name in others else ""
     return (
-        f"{found}, but its torque does not hold: while the axis stays it goes, {stays}, within "
-        f"{seconds:.1g} s or so. No spring and no weight does that; a gas that cools or leaks, a damper behind a "
-        f"spring or a belt that creeps does{memory}. So nothing is named."
+        f"{found}, but its torque does not hold: while the axis stays it goes, {stays} in the end, with "
+        f"a time constant of some {seconds:.2g} s. No spring and no weight does that; a gas that cools or leaks, a "
+        f"damper behind a spring or a belt that creeps does{memory}. So nothing is named."
     )
 
 
