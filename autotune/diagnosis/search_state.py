@@ -99,7 +99,7 @@ class Found:
 class SearchState:
     """A search in progress: `problem` and `root` change where torque and motion are aligned anew.
 
-    `outdone` is the root with a law of the base, where an effect explains more than that; `beside` a model with effects
+    `outdone` is the root with a law of the base, where an effect explains more than that; `beside` the fit with effects
     that the root's law was found beside; `seen` are the models that were fitted inside the twin, `first` and `tried`
     those of the first round, `later` those of the others; `further` all candidates of the last of those, with the
     effects that they are beside; `laws` those of the base that may be asked for, and `law_first` that one leads a
