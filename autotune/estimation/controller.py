@@ -111,10 +111,15 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
 def _or_between(
     data: Prepared, samples: LoopSamples, found: PositionController
 ) -> tuple[PositionController, ...]:
-    """A law, and beside it or in its place that of a drive that works between the samples."""
+    """A law, and beside it or in its place that of a drive that works between the samples.
+
+    A law that explains some rows to their rounding, and not others, is that of rows which are written late, or one that
+    is near a faster loop's where motion is smooth: twins tell.
+    """
     sure = found.smooth and 1.0 - found.explained < EXACT  # beyond what a demand's steps hide
     # a law that sees the position at once, but needs what its reference does by itself: the drive interpolates
-    between = found.in_band or (found.position_delay == 0 and found.acceleration_feedforward != 0.0)
+    interpolates = found.position_delay == 0 and found.acceleration_feedforward != 0.0
+    between = found.in_band or found.prompt or interpolates
     if not data.repeated or (found.usable and (sure or not between)):
         return (found,)
     quiet = quieter(data)

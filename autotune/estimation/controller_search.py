@@ -318,7 +318,7 @@ def _of_recursion(gains: list[float], period: float, delay: int) -> PositionCont
     kd = (third - memory * kp) * period / share
     why = f"{ROWS_LATE} {how_late(period, delay, delay)}" if delay else ROWS_LATE
     law = PositionController(
-        kp, kd, summed / period, min(share, 1.0), explained=1.0, source="identified", why=why
+        kp, kd, summed / period, min(share, 1.0), explained=1.0, source="identified", why=why, prompt=True
     )
     return replace(law, reference_delay=delay, position_delay=delay) if kp > 0.0 and summed >= 0.0 else None
 

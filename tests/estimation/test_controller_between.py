@@ -8,7 +8,14 @@ import pytest
 from scipy import signal
 
 from autotune.estimation.alignment import shifted
-from autotune.estimation.controller import as_recorded, asked, by_sensor, identified
+from autotune.estimation.controller import (
+    as_recorded,
+    asked,
+    by_sensor,
+    controllers_of,
+    identified,
+    loop_samples,
+)
 from autotune.estimation.controller_between import (
     FED,
     answering_late,
@@ -29,8 +36,8 @@ from autotune.estimation.policy import POLICY
 from autotune.estimation.residual import Simulated
 from autotune.estimation.twin_runs import acted_late, run_twin, run_twins, slower
 from autotune.models.drive_model import base_model
-from autotune.recordings.recording import Recording
-from tests.estimation.simulated import AXIS, PERIOD, RESOLUTION, TRUE, recorded
+from autotune.recordings.recording import Metadata, Recording
+from tests.estimation.simulated import AXIS, PERIOD, RESOLUTION, TRUE, followed, recorded
 
 
 @pytest.mark.slow
@@ -211,6 +218,42 @@ def test_behind_a_drive_whose_rows_are_written_late_slow_rows_tell_the_law() -> 
     assert found.slow
     assert (found.taken, found.reference_delay) == ("moment", 1)
     assert (found.kp, found.kd, found.ki) == pytest.approx(gains, rel=0.06)
+
+
+def test_what_rounding_hides_of_a_faster_loop_is_asked_beside_rows_that_are_written_late() -> None:
+    """A loop of four times the rows' rate, its demand in steps of a fiftieth of its size, disturbed slowly.
+
+    Where motion is smooth a law of the rows is off by less than rounding, so that it explains many of them exactly, and
+    the others look as if they were written late.
+    """
+    ticks = 4
+    period = PERIOD / ticks
+    time = np.arange(round(6.0 / period)) * period
+    phases = np.random.default_rng(4).uniform(0.0, 2.0 * np.pi, 5)
+    tones = [
+        np.sin(2.0 * np.pi * f * time + a) / f for f, a in zip((0.5, 1.1, 2.3, 4.9, 9.7), phases, strict=True)
+    ]
+    reference = 2.0 * np.sum(tones, axis=0) * np.minimum(time / 0.5, 1.0) ** 2
+    fades, played = np.exp(-2.0 * np.pi * 2.0 * period), []
+    for repeat in range(2):
+        shaken = np.random.default_rng(repeat).normal(0.0, 4e-3, len(time))
+        shaken = signal.lfilter([1.0 - fades], [1.0, -fades], shaken)
+        law = replace(TRUE, derivative_filter=1.0)
+        played.append(followed(reference, shaken, law, base_model(AXIS), period=period))
+    columns = {
+        name: np.concatenate([one[name][::ticks] for one in played])
+        for name in ("reference", "position", "torque")
+    }
+    step = 0.02 * float(np.std(columns["torque"]))
+    columns["torque"] = np.round(columns["torque"] / step) * step
+    columns["time"] = np.arange(len(columns["torque"])) * PERIOD
+    repeats = np.repeat([0, 1], len(columns["time"]) // 2)
+    metadata = Metadata(sample_period=PERIOD, position_resolution=RESOLUTION)
+    data = prepare([Recording.from_columns(columns, metadata, "motion", repeats)])
+    found = identified(loop_samples(data))
+    assert found.prompt
+    assert found in (laws := controllers_of(data, found))
+    assert any(law.ticks > 1 for law in laws)
 
 
 QUICK = (10.0, 0.05, 500.0)
