@@ -113,7 +113,7 @@ def _or_between(
 ) -> tuple[PositionController, ...]:
     """A law, and beside it or in its place that of a drive that works between the samples.
 
-    A law that explains some rows to their rounding, and not others, is that of rows which are written late, or one that
+    A law that explains less than half of the rows to their rounding is that of rows which are written late, or one that
     is near a faster loop's where motion is smooth: twins tell.
     """
     sure = found.smooth and 1.0 - found.explained < EXACT  # beyond what a demand's steps hide

@@ -90,7 +90,7 @@ class PositionController:
             point in, however late it answers to the axis.
         adrift: where the counts of its encoder lie the twin does not know, and has them elsewhere in every run.
         slow: found by slow rows, as rows are written late (`LoopSamples.weight`). `quick`: by quick ones, as counts are
-            coarse. `prompt`: by the rows that it explains to rounding, as others are written late.
+            coarse. `prompt`: by less than half of the rows that move, which it explains to rounding.
         asked: frequency [Hz] above which what it asks for along the recorded motion is compared, and not the torque as
             it was recorded; 0 where that is compared.
         exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.

@@ -510,6 +510,7 @@ def test_a_law_is_found_in_the_rows_that_are_not_written_late() -> None:
     columns = dict(recording.floats) | {"position": np.round(moved / RESOLUTION) * RESOLUTION}
     found = controller_of(Recording.from_columns(columns, recording.metadata, "motion"))
     assert found.exact
+    assert not found.prompt  # nine rows of ten: it needs no other beside it
     assert "written late" in found.why
     assert found.kp == pytest.approx(TRUE.kp, rel=1e-4)
     assert found.kd == pytest.approx(TRUE.kd, rel=1e-4)
