@@ -68,7 +68,7 @@ STANDING, MOST_OF = MOST_LATE + 3, 0.5
 others: where those that are the planner's acceleration have less, no law is told by them."""
 ROWS_LATE = "Rows are written late: the controller was identified by those that are not."
 MOST_PROMPT = 0.5
-"""Of the rows that move, what a law of the rows explains exactly where some are written late (0.86 and more; 0.35 to
+"""Of the rows that move, what a law of the rows explains exactly where some are written late (0.75 and more; 0.35 to
 0.47 where the loop was faster than the rows)."""
 PLANNED = (
     "The controller feeds forward what its planner knows of each row: its rate, its acceleration, or both."

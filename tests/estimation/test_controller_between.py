@@ -228,7 +228,7 @@ def test_laws_between_the_rows_are_asked_beside_one_that_is_exact_in_few_of_them
     Where motion is smooth a law of the rows is off by less than such a step, so that it explains them exactly: in few
     of the rows that move it is no law of rows that are written late beyond doubt.
     """
-    ticks = 4
+    law, ticks = replace(TRUE, derivative_filter=1.0), 4
     period = PERIOD / ticks
     time = np.arange(round(6.0 / period)) * period
     phases = np.random.default_rng(4).uniform(0.0, 2.0 * np.pi, 5)
@@ -240,7 +240,6 @@ def test_laws_between_the_rows_are_asked_beside_one_that_is_exact_in_few_of_them
     for repeat in range(2):
         shaken = np.random.default_rng(repeat).normal(0.0, 4e-3, len(time))
         shaken = signal.lfilter([1.0 - fades], [1.0, -fades], shaken)
-        law = replace(TRUE, derivative_filter=1.0)
         played.append(followed(reference, shaken, law, base_model(AXIS), period=period))
     columns = {
         name: np.concatenate([one[name][::ticks] for one in played])
@@ -256,7 +255,7 @@ def test_laws_between_the_rows_are_asked_beside_one_that_is_exact_in_few_of_them
     laws = controllers_of(data, found)
     assert "written late" in found.why
     assert found in laws
-    assert any(law.ticks > 1 for law in laws) == few
+    assert any(one.ticks > 1 for one in laws) == few
 
 
 QUICK = (10.0, 0.05, 500.0)
