@@ -63,6 +63,7 @@ from autotune.diagnosis.wording import (
     not_looked_for,
     nothing_note,
     offset_note,
+    once_more,
     relaxed_note,
     sets_of_rivals,
     stranger_note,
@@ -161,7 +162,11 @@ def diagnose(
         notes = ("Suspected only: no recording tells enough by itself.", *verdict.notes)
         verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
     if not verdict.complete:
-        verdict = replace(verdict, notes=(CUT_SHORT.format(seconds=at_most), *verdict.notes))
+        verdict = replace(
+            verdict,
+            notes=(CUT_SHORT.format(seconds=at_most), *verdict.notes),
+            next_experiment=once_more(at_most),
+        )
     return replace(
         verdict,
         error_rms=error_rms,

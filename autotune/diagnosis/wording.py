@@ -677,6 +677,11 @@ def headline(
     }[verdict]
 
 
+def once_more(seconds: float) -> str:
+    """What to do next where a search ended after so many `seconds`: it comes before any recording."""
+    return f"Diagnose the same data again with more time before anything is recorded: --at-most {4.0 * seconds:.0f}."
+
+
 def next_experiment(
     verdict: str,
     effects: Sequence[str],

@@ -630,7 +630,8 @@ def _replaced(named: PositionController, found: PositionController) -> str:
             + f"Its gains are the same: the file has the torque {rows} late, and the gains need no mending."
         )
     if same:
-        return left + "Its gains are the same: what differs is a filter of the derivative or a feedforward."
+        differs = "a filter of the derivative, a feedforward, or a loop that works more often than the rows"
+        return left + f"Its gains are the same: what differs is {differs}."
     left += "Mend the gains in the file"
     if named.derivative_filter == 1.0:
         return left + ", or name its derivative_filter; a feedforward can differ so too."

@@ -65,7 +65,8 @@ def test_wherever_it_stops_what_was_found_is_told_and_nothing_is_certain(
 def test_with_nothing_planted_it_never_says_that_nothing_is_missing(passes, recorded, nominal, most) -> None:
     found = diagnose([recorded(42)], nominal, at_most=most)
     assert (found.complete, found.verdict, found.effects) == (False, "unknown", ())
-    assert found.next_experiment is None
+    assert found.next_experiment is not None
+    assert f"again with more time before anything is recorded: --at-most {4 * most}" in found.next_experiment
 
 
 def test_what_is_needed_is_told_after_the_time_and_nothing_is_refined(monkeypatch) -> None:
