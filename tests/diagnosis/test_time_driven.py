@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +13,7 @@ from autotune.diagnosis.evidence import time_driven
 from autotune.diagnosis.verdict import NONE, diagnose
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import beyond_presliding
-from autotune.estimation.data import TRAINING, VETO, Block, Clocked, ReadingWave, filtered_motion
+from autotune.estimation.data import TRAINING, VETO, Block, Clocked, ReadingWave, Wander, filtered_motion
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem
@@ -28,6 +28,18 @@ from tests.support.diagnosis_programme import play
 
 PERIOD, COUNT, BLOCKS = 0.02, 400, 4
 """Four experiments of eight seconds, one after the other, twice."""
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """What a level that wanders is looked for in."""
+
+    blocks: tuple[Block, ...]
+    grid: np.ndarray
+    period: float = PERIOD
+    repeated: bool = True
+    starts: tuple[int, ...] = (0,)
+    wander: Wander | None = None
 
 
 def _problem() -> tuple[SimpleNamespace, np.ndarray]:
@@ -172,6 +184,46 @@ def test_a_twin_is_shaken_by_what_was_taken_out() -> None:
     torque, position = shaken(data, STILL, np.random.default_rng(1))
     assert torque == pytest.approx(-0.01 * np.sin(2.0 * np.pi * 50.0 * 1e-3 * np.arange(100)))
     assert not position.any()
+
+
+PARTS = 12
+"""Experiments, the last three of which are pieces of one veto trajectory."""
+
+
+def _levels_of(kind: str, rng: np.random.Generator) -> np.ndarray:
+    """The torque's level in each of two plays of each experiment, in the order of time, shape (2·PARTS,)."""
+    if kind == "wanders":
+        return 0.3 * np.sin(np.arange(2 * PARTS) / 4.0) + 0.02 * rng.standard_normal(2 * PARTS)
+    motion = np.concatenate([np.cumsum(0.1 * rng.standard_normal(PARTS - 3)), [-0.6, 0.9, -0.9]])
+    return np.tile(motion, 2) + 0.01 * rng.standard_normal(2 * PARTS)
+
+
+@pytest.mark.parametrize(
+    ("seed", "kind", "told"), [(3, "wanders", True), (3, "motion's", False), (4, "motion's", False)]
+)
+def test_a_level_that_is_alike_whenever_its_experiment_is_played_does_not_wander(
+    monkeypatch: pytest.MonkeyPatch, seed: int, kind: str, told: bool
+) -> None:
+    """The programme is played twice as a whole; from one experiment to the next a motion's level may change little."""
+    names = [f"part {i}" for i in range(PARTS - 3)] + 3 * ["veto"]
+    blocks = tuple(
+        Block(name, VETO if name == "veto" else TRAINING, i * 2 * COUNT, 2, COUNT)
+        for i, name in enumerate(names)
+    )
+    rounds = np.arange(2)[None, :, None] * PARTS * COUNT
+    clock = np.arange(PARTS)[:, None, None] * COUNT + rounds + np.arange(COUNT)[None, None, :]
+    rng = np.random.default_rng(seed)
+    levels = _levels_of(kind, rng).reshape(2, PARTS).T
+    error = (np.repeat(levels[:, :, None], COUNT, axis=2) + 0.05 * rng.standard_normal(clock.shape)).ravel()
+    data = Clocks(blocks, clock.ravel())
+    problem = SimpleNamespace(
+        data=data, weight=np.ones(clock.size), policy=POLICY, noise_variance=lambda *_: 0.05**2
+    )
+    monkeypatch.setattr(time_driven, "_by_time", lambda _problem, _packed, data: data)
+    found = time_driven.without_wander(problem, Packed(np.zeros(1), np.zeros(1, dtype=bool)), error)
+    assert (found is not None) == told
+    if found is not None:
+        assert found.wander.levels == pytest.approx(levels.T.ravel() - levels.mean(), abs=0.02)
 
 
 @pytest.mark.long

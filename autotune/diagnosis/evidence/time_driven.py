@@ -54,7 +54,7 @@ ALIKE_PHASE = math.radians(30.0)
 """Of a line that comes and goes: how far its phase may be off in a repeat of an experiment."""
 FEWEST_EXPERIMENTS, GOES_ON, ALIKE_STEPS = 5, 0.2, 4.0
 """Of a level that wanders: experiments that tell it; its steps' mean square from one to the next, of that of levels in
-any order (of seven, chance comes below once in a thousand), and over that from a repeat to the next."""
+any order (of seven, chance comes below once in a thousand), and over that between repeats of one experiment."""
 
 LEAST_PERIODS, LEAST_LINES = 20.0, 8.0
 """Of an encoder's scale: periods over the travel and over a turn at least; fewer are waves of the axis."""
@@ -142,19 +142,21 @@ def without_wander(problem: Problem, packed: Packed, error: Floats) -> Problem |
 
     Repeats that are played one after the other share it, so that it seems to come again. But it goes on from each
     repeat to the next one, of the same experiment or of another, and what an effect makes is as large in both repeats
-    and another one in the next experiment. What the veto trajectory has of it is a level for each of its repeats.
+    of an experiment, whenever they are played, and another one in the next experiment. What the veto trajectory has of
+    it is a level for each of its repeats.
     """
     data = problem.data
     if not data.repeated or len(data.starts) > 1:
         return None
-    times, levels, names = _levels(problem, error)
+    times, levels, blocks = _levels(problem, error)
     if len(levels) < 2 * FEWEST_EXPERIMENTS:
         return None
-    steps, same = np.diff(levels) ** 2, names[1:] == names[:-1]
-    if min(np.count_nonzero(same), np.count_nonzero(~same)) < FEWEST_EXPERIMENTS - 1:
+    repeated = np.concatenate([np.diff(levels[blocks == block]) for block in np.unique(blocks)])
+    onwards = np.diff(levels)[blocks[1:] != blocks[:-1]]
+    if min(repeated.size, onwards.size) < FEWEST_EXPERIMENTS - 1:
         return None
     variance = float(np.var(levels))
-    within, across = (float(steps[pairs].mean()) for pairs in (same, ~same))
+    within, across = (float(np.mean(steps**2)) for steps in (repeated, onwards))
     goes_on = across <= GOES_ON * 2.0 * variance and across <= ALIKE_STEPS * within
     if not goes_on or variance < problem.policy.structure_part * problem.noise_variance(error, TRAINING):
         return None
@@ -163,19 +165,19 @@ def without_wander(problem: Problem, packed: Packed, error: Floats) -> Problem |
     return _by_time(problem, packed, replace(data, wander=wander))
 
 
-def _levels(problem: Problem, error: Floats) -> tuple[Floats, Floats, NDArray[np.str_]]:
-    """Time [s], level and experiment of every repeat in the order of time, shape (k,) each."""
+def _levels(problem: Problem, error: Floats) -> tuple[Floats, Floats, NDArray[np.int_]]:
+    """Time [s], level and number of the experiment of every repeat in the order of time, shape (k,) each."""
     clock, found = _clock(problem), []
-    for block in problem.data.blocks:
+    for number, block in enumerate(problem.data.blocks):
         if block.role not in (TRAINING, VETO) or block.repeats < 2:
             continue
         counts = block.by_repeat(problem.weight > 0.0)
         for rows, time, rest in zip(counts, block.by_repeat(clock), block.by_repeat(error), strict=True):
             if rows.any():
-                found.append((float(time[rows].mean()), float(rest[rows].mean()), block.name))
+                found.append((float(time[rows].mean()), float(rest[rows].mean()), number))
     found.sort()
-    times, levels = np.array([one[:2] for one in found]).reshape(-1, 2).T
-    return times, levels, np.array([one[2] for one in found])
+    times, levels, numbers = np.array(found).reshape(-1, 3).T
+    return times, levels, numbers.astype(int)
 
 
 def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | None:
