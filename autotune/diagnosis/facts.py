@@ -21,7 +21,9 @@ from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.repeated import hunts_alike, limit_cycle
 from autotune.diagnosis.evidence.time_driven import (
+    Moment,
     TimeLine,
+    acted_once,
     breathing_friction,
     louder_than_all,
     time_driven_line,
@@ -95,6 +97,7 @@ class Facts:
         freed: those whose course was fitted freely, and whether their own law would have named them too.
         presliding: that of another law, which the root has.
         breathing: a friction level that rises and falls with the clock; looked for where nothing is named.
+        once: a force that one repeat had for a while and another had not; looked for where nothing is named.
         climbing: something is left beside another law of presliding, but not where its contact slides: the law's own
             rest, where that law explains enough.
         unlike: an experiment in which one effect leaves what it explains in all others; looked for where it is named.
@@ -128,6 +131,7 @@ class Facts:
     presliding: FittedCandidate | None = None
     left: bool = True
     breathing: TimeLine | None = None
+    once: Moment | None = None
     overlooked: ScreenedCandidate | None = None
     by_twin_only: ScreenedCandidate | None = None
     hunts: float = 0.0
@@ -444,6 +448,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     # beside friction that warms, what is left of its slow course is no preload that something moves
     slow = evidence.repeats and not final.fitted.packed.on[WARMS]
     facts = replace(facts, breathing=breathing_friction(problem, final) if slow else None)
+    facts = replace(facts, once=acted_once(problem, final) if evidence.repeats else None)
     left = _something_left(facts, found.sliding or problem)
     left = left or (chosen is None and _of_place(problem, root))
     climbing = found.sliding is not None and not left and _something_left(facts, problem)

@@ -58,6 +58,7 @@ from autotune.diagnosis.wording import (
     left_note,
     line_note,
     missing_codes_note,
+    moment_note,
     nearest,
     next_experiment,
     not_looked_for,
@@ -353,6 +354,10 @@ def _presliding_rest(facts: Facts) -> str:
     return PRESLIDING_REST if facts.climbing else ""
 
 
+def _once(facts: Facts) -> str:
+    return moment_note(facts.problem.data, facts.once) if facts.once is not None else ""
+
+
 def _breathing(facts: Facts) -> str:
     return breathing_note(facts.breathing) if facts.breathing is not None else ""
 
@@ -442,6 +447,7 @@ CASES: tuple[Case, ...] = (
     ),
     Case("its time was up", lambda f: f.cut_short, UNKNOWN, _so_far),
     Case("friction rises and falls with the clock", lambda f: f.breathing is not None, UNKNOWN, _breathing),
+    Case("a force was there once", lambda f: f.once is not None, UNKNOWN, _once),
     Case(
         "a force in step with the clock comes and goes",
         lambda f: comes_and_goes(f.line),

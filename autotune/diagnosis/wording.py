@@ -12,7 +12,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.core.units import percent, torque_symbol
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, explained_of_rest
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
-from autotune.diagnosis.evidence.time_driven import TimeLine
+from autotune.diagnosis.evidence.time_driven import Moment, TimeLine
 from autotune.diagnosis.evidence.torque_path import CYCLES
 from autotune.diagnosis.free_shape import any_course
 from autotune.diagnosis.refits import needed_share
@@ -583,6 +583,24 @@ def breathing_note(line: TimeLine) -> str:
         f"Friction rises and falls with {line.hertz:.2f} Hz whatever the motion "
         f"({100 * line.share:.0f} % of what differs from repeat to repeat): no known effect does that; look for "
         "a preload that something else moves: a pump, lubrication in strokes, a brake that is not quite open."
+    )
+
+
+def moment_note(data: Prepared, moment: Moment) -> str:
+    """What acted once, and where to look for it."""
+    unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
+    if moment.friction:
+        what = (
+            f"friction was {abs(moment.friction):.2g} {unit} {'higher' if moment.friction > 0.0 else 'lower'}"
+        )
+    else:
+        way = "against" if moment.torque > 0.0 else "along"
+        what = f"{abs(moment.torque):.2g} {unit} more acted {way} the positive direction"
+    return (
+        f"From {moment.start:.1f} to {moment.end:.1f} s {what} than when the same motion was played again "
+        f"({100 * moment.share:.0f} % of all that differs from repeat to repeat, and at no other time): something that "
+        "was there once, as a jam, chips, a hand or a cable that caught. It is no effect that these data show twice; "
+        "look for it at the machine, and record again."
     )
 
 

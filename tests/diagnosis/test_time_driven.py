@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from autotune.diagnosis.evidence import time_driven
-from autotune.diagnosis.verdict import NONE, diagnose
+from autotune.diagnosis.verdict import NONE, UNKNOWN, diagnose
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import beyond_presliding
 from autotune.estimation.data import TRAINING, VETO, Block, Clocked, ReadingWave, Wander, filtered_motion
@@ -241,6 +241,80 @@ def test_a_hum_that_comes_again_in_repeats_is_taken_out() -> None:
     level = math.hypot(found.sine, found.cosine)
     assert level == pytest.approx(0.0105, rel=0.15), "most of it: at rest it is below a count of the encoder"
     assert any("50.0" in note for note in told.notes)
+
+
+def _extra(kind: str, clock: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Friction and torque that the axis has more than the model, at times of the clock [s]; shape (m,) each."""
+
+    def between(start: float, end: float) -> np.ndarray:
+        return ((clock >= start) & (clock < end)).astype(float)
+
+    none = np.zeros_like(clock)
+    if kind == "a jam":
+        return 3.0 * between(17.0, 20.0), none
+    if kind == "a jam into the next experiment":
+        return 4.0 * between(21.5, 24.0) + 2.5 * between(24.0, 27.0), none
+    if kind == "a hand":
+        return none, -4.0 * between(49.0, 51.5)
+    if kind == "three of them":
+        return 3.0 * (between(3.0, 5.5) + between(25.0, 27.5) + between(55.0, 57.5)), none
+    if kind == "warming":
+        return 3.0 * np.exp(-clock / 20.0), none
+    if kind == "a level that wanders":
+        seconds = np.arange(0.0, 64.5, 0.5)
+        return none, np.interp(clock, seconds, 0.5 * np.cumsum(rng.standard_normal(len(seconds))))
+    return none, none
+
+
+@pytest.mark.parametrize(
+    ("kind", "start", "end", "friction", "torque"),
+    [
+        ("a jam", 17.0, 20.0, 3.0, 0.0),
+        ("a jam into the next experiment", 21.5, 27.0, 4.0, 0.0),
+        ("a hand", 49.0, 51.5, 0.0, -4.0),
+        ("three of them", None, None, 0.0, 0.0),
+        ("warming", None, None, 0.0, 0.0),
+        ("a level that wanders", None, None, 0.0, 0.0),
+        ("noise", None, None, 0.0, 0.0),
+    ],
+)
+def test_what_acted_once_is_told_from_noise_and_from_what_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+    kind: str,
+    start: float | None,
+    end: float,
+    friction: float,
+    torque: float,
+) -> None:
+    """In noise of a half; more friction in a model leaves less, so that its column is against the motion."""
+    problem, turns = _problem()
+    clock = problem.data.grid * PERIOD
+    rng = np.random.default_rng(7)
+    more, pushed = _extra(kind, clock, rng)
+    monkeypatch.setattr(time_driven, "of_friction", lambda *_: -0.2 * turns)
+    fitted = SimpleNamespace(
+        error=more * turns + pushed + 0.5 * rng.standard_normal(clock.size),
+        free=[SimpleNamespace(name="inertia"), SimpleNamespace(name="coulomb")],
+        scales=np.array([1.0, 0.2]),
+    )
+    found = time_driven.acted_once(problem, SimpleNamespace(fitted=fitted, correction=None))
+    assert (found is not None) == (start is not None)
+    if found is not None and start is not None:
+        assert (found.start, found.end) == pytest.approx((start, end), abs=1.0)
+        assert (found.friction, found.torque) == pytest.approx((friction, torque), abs=0.6)
+
+
+@pytest.mark.long
+def test_a_jam_of_some_seconds_is_said_with_its_time_and_is_unknown() -> None:
+    """The friction of the axis is a fifth higher for four seconds, once."""
+
+    def jam(time: float, position: float, velocity: float, acceleration: float) -> float:
+        return 0.012 * math.tanh(velocity / 0.02) if 24.0 <= time < 28.0 else 0.0
+
+    told = diagnose([play(plain_axis(31), 31, alien=jam)], base_model(NOMINAL))
+    assert told.verdict == UNKNOWN
+    assert any("friction was 0.012 N m higher" in note and "there once" in note for note in told.notes)
+    assert any(note.startswith(("From 24", "From 23.")) for note in told.notes)
 
 
 WAVE = ReadingWave(150.0, (1.6e-4, -0.4e-4, 0.4e-4, 0.8e-4))

@@ -16,7 +16,7 @@ from autotune.diagnosis.candidates import FittedCandidate
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
-from autotune.diagnosis.evidence.time_driven import TimeLine
+from autotune.diagnosis.evidence.time_driven import Moment, TimeLine
 from autotune.diagnosis.evidence.torque_path import LATE_RECORD
 from autotune.diagnosis.facts import Facts
 from autotune.diagnosis.free_shape import OtherProportion, Relaxed
@@ -49,6 +49,7 @@ NOTHING = {
     "contested": (),
     "climbing": False,
     "breathing": None,
+    "once": None,
     "line": None,
     "hunts": 0.0,
     "alike": False,
@@ -63,6 +64,7 @@ NOTHING = {
 SPRUNG = "elastic_transmission"
 CRANK = OtherProportion("encoder_eccentricity", 0.46, 0.02)
 GAP = Gap(0.5, 1.2e-3, 40)
+JAM = Moment(43.7, 51.7, 0.0, 20.0, 0.4)
 FOUND = {"chosen": object(), "accepted": True}
 
 
@@ -154,6 +156,9 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         ({"breathing": TimeLine(0.4, 0.3)}, "unknown"),
         ({"breathing": TimeLine(0.4, 0.3), "own_law": True}, "unknown"),
         (FOUND | {"breathing": TimeLine(0.4, 0.3)}, "named"),
+        ({"once": JAM}, "unknown"),
+        ({"once": JAM, "own_law": True}, "unknown"),
+        (FOUND | {"once": JAM}, "named"),
         ({"line": TimeLine(15.6, 0.3)}, "none"),
         ({"line": TimeLine(15.6, 0.3, steady=False)}, "unknown"),
         (FOUND | {"line": TimeLine(15.6, 0.3, steady=False)}, "named"),
@@ -208,6 +213,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(chosen=object(), left=True),
         _row(carried=("refuted",)),
         _row(breathing=TimeLine(0.4, 0.3)),
+        _row(once=JAM),
         _row(left=True),
         _row(loud=True),
         _row(line=TimeLine(15.6, 0.3, steady=False)),

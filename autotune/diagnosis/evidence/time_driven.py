@@ -1,15 +1,17 @@
 """What goes by time, not by the motion: one frequency in every experiment, of a torque or of the friction's level.
 
 Repeats of a trajectory do not start in the phase of it, so that it looks like noise; but its phase runs on through
-all experiments. A level of the torque that wanders, which repeats played one after the other share. And what follows
-the lines of the encoder's scale: the error of a reading that is interpolated.
+all experiments. A level of the torque that wanders, which repeats played one after the other share. A force that was
+there once, in one repeat and not in the other. And what follows the lines of the encoder's scale: the error of a
+reading that is interpolated.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +57,14 @@ ALIKE_PHASE = math.radians(30.0)
 FEWEST_EXPERIMENTS, GOES_ON, ALIKE_STEPS = 5, 0.2, 4.0
 """Of a level that wanders: experiments that tell it; its steps' mean square from one to the next, of that of levels in
 any order (of seven, chance comes below once in a thousand), and over that between repeats of one experiment."""
+
+LASTS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+"""Seconds that a force of one moment may last."""
+ONCE, LEVEL, AGAIN, AS_MUCH = 0.25, 0.5, 0.25, 0.9
+"""Of such a force: what it explains at least of all that differs between repeats, and of that in its own stretch; what
+one at another time may have of as much, as noise that wanders has a level in every stretch; and what is as much."""
+LONGEST, LONGEST_PART = 0.1, 0.8
+"""Of all rows, and of those of its experiment: how long it may last."""
 
 LEAST_PERIODS, LEAST_LINES = 20.0, 8.0
 """Of an encoder's scale: periods over the travel and over a turn at least; fewer are waves of the axis."""
@@ -402,16 +412,121 @@ def breathing_friction(problem: Problem, model_fit: ModelFit) -> TimeLine | None
 
 
 @dataclass(frozen=True, slots=True)
-class _Difference:
-    """Last less first repeat of an experiment: error, shape (k,); times and levels of both, shape (2, k)."""
+class Moment:
+    """A force that was there once: from when to when [s], and its share of what differs between repeats.
 
-    error: Floats
+    `torque` is what the motor gave more for it, `friction` how much higher that was [N m or N]; that which explains
+    less is 0.
+    """
+
+    start: float
+    end: float
+    torque: float
+    friction: float
+    share: float
+
+
+def acted_once(problem: Problem, model_fit: ModelFit) -> Moment | None:
+    """The torque or friction that one repeat had for a while and another one of the same motion had not; None where
+    what differs between repeats is no such thing.
+
+    A jam, a hand, a cable that catches: it explains much of all that differs, most of that in its own stretch, and no
+    other stretch has the like.
+    """
+    fitted = model_fit.fitted
+    column = of_friction(problem, fitted, model_fit.correction, TRAINING)
+    if column is None:
+        return None
+    scale = fitted.scales[[one.name for one in fitted.free].index("coulomb")]
+    parts = _differences(problem, fitted.error, column / scale)
+    total = sum(float(part.error @ part.error) for part in parts)
+    rows = sum(len(part.error) for part in parts)
+    found = [(part, one) for part in parts for one in part.stretches(LONGEST * rows)]
+    most = max((one.explained for _, one in found), default=0.0)
+    if most <= 0.0:
+        return None
+    as_good = [(part, one) for part, one in found if one.explained >= AS_MUCH * most]
+    part, best = min(as_good, key=lambda item: item[1].length)
+    if best.explained < max(ONCE * total, LEVEL * best.energy):
+        return None
+    moment = part.moment(best, best.explained / total)
+    like = [(one, of.moment(one, 0.0)) for of, one in found if one.explained > AGAIN * best.explained]
+    if any(max(one.start - moment.end, moment.start - one.end) > max(LASTS) for _, one in like):
+        return None
+    whole = [moment, *(one for stretch, one in like if stretch.level >= AS_MUCH * best.level)]
+    return replace(moment, start=min(one.start for one in whole), end=max(one.end for one in whole))
+
+
+class _Stretch(NamedTuple):
+    """Rows `start` to `stop` of a difference: its squares' sum, and what a torque and a friction level explain."""
+
+    start: int
+    stop: int
+    energy: float
+    explained: float
+
+    @property
+    def length(self) -> int:
+        return self.stop - self.start
+
+    @property
+    def level(self) -> float:
+        """Of the squares, what is explained."""
+        return self.explained / max(self.energy, 1e-300)
+
+
+@dataclass(frozen=True, slots=True)
+class _Difference:
+    """Last less first repeat of an experiment: error, times and levels of both, shape (2, k)."""
+
+    errors: Floats
     times: Floats
     levels: Floats
 
+    @property
+    def error(self) -> Floats:
+        """Shape (k,)."""
+        return np.asarray(self.errors[1] - self.errors[0])
+
+    def stretches(self, most: float) -> Iterator[_Stretch]:
+        """Stretches of at most so many rows, one after the other by quarters of their length."""
+        pace = float(np.median(np.diff(self.times[0])))
+        level, error = self.levels.mean(axis=0), self.error
+        products = [np.ones_like(level), level, level**2, error, level * error, error**2]
+        sums = np.cumsum(np.hstack([np.zeros((6, 1)), np.array(products)]), axis=1)
+        for seconds in LASTS:
+            length = max(round(seconds / pace), 2)
+            if length > min(most, LONGEST_PART * len(error)):
+                return
+            starts = np.arange(0, len(error) - length + 1, max(length // 4, 1))
+            n, x, xx, y, xy, yy = sums[:, starts + length] - sums[:, starts]
+            spread = np.maximum(xx - x * x / n, 0.0)
+            along = np.where(
+                spread > 1e-9 * np.maximum(xx, 1e-300),
+                (xy - x * y / n) ** 2 / np.maximum(spread, 1e-300),
+                0.0,
+            )
+            for start, energy, explained in zip(starts, yy, y * y / n + along, strict=True):
+                yield _Stretch(int(start), int(start) + length, float(energy), float(explained))
+
+    def moment(self, stretch: _Stretch, share: float) -> Moment:
+        """What was there in a stretch, in the repeat that the model explains less."""
+        rows = slice(stretch.start, stretch.stop)
+        which = int(np.argmax((self.errors[:, rows] ** 2).sum(axis=1)))
+        apart, level = (self.errors[which] - self.errors[1 - which])[rows], self.levels[which, rows]
+        torque = float(apart.mean())
+        less = float(level @ apart) / max(
+            float(level @ level), 1e-300
+        )  # more friction in a model leaves less
+        rubs = less**2 * float(level @ level) >= torque**2 * len(apart)
+        torque, friction = (0.0, -less) if rubs else (torque, 0.0)
+        return Moment(
+            float(self.times[which, rows][0]), float(self.times[which, rows][-1]), torque, friction, share
+        )
+
     def plain(self) -> _Difference:
         """The same for a torque that does not turn with the velocity."""
-        return _Difference(self.error, self.times, np.ones_like(self.levels))
+        return replace(self, levels=np.ones_like(self.levels))
 
     def terms(self, hertz: float) -> Floats:
         """What a level of that frequency makes, shape (k, 2)."""
@@ -429,8 +544,7 @@ def _differences(problem: Problem, error: Floats, column: Floats) -> list[_Diffe
         ends = [0, -1]
         counts = (block.by_repeat(problem.training)[ends] > 0).all(axis=0)
         if counts.any():
-            apart, times, levels = (block.by_repeat(v)[ends][:, counts] for v in (error, clock, column))
-            parts.append(_Difference(apart[1] - apart[0], times, levels))
+            parts.append(_Difference(*(block.by_repeat(v)[ends][:, counts] for v in (error, clock, column))))
     return parts
 
 
