@@ -339,7 +339,8 @@ def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidat
     if state.worth_having(best):
         return best
     led = _worth_at_its_best(state, best) or _other_worth_having(state, fits, best)
-    return led or _other_by_its_course(state, fits, best) or _two_at_once(state, fits)
+    led = led or _other_by_its_course(state, fits, best)
+    return led or _two_at_once(state, fits) or _one_after_another(state, best)
 
 
 def _other_worth_having(
@@ -399,6 +400,37 @@ def _two_at_once(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedC
         return None
     alone = [part for one in pair for part in explained_of_rest(problem, one.model_fit, both.model_fit)]
     if any(part.share < problem.policy.partly for part in alone):
+        return None
+    both = counted_beside(problem, before, both, both)
+    return both if state.worth_having(both) else None
+
+
+def _one_after_another(state: SearchState, first: FittedCandidate) -> FittedCandidate | None:
+    """Beside what has a name: a further effect that explains half of what that leaves, with the one that explains what
+    both leave.
+
+    Stribeck friction of the base may be twenty times what two others make, and explain as much of all as a name asks.
+    Of its rest the one explains half, and by experiments held out the other hardly anything as long as the first is
+    missing. Together they must explain as much of it as a name asks of all.
+    """
+    problem, before = state.problem, state.model_fit
+    room = len(before.effects) + 2 <= MOST_EFFECTS
+    if state.chosen is None or not state.chosen.named or not state.evidence.repeats or not room:
+        return None
+    least = least_fall(problem, state.chosen)
+    beside = explained_of_rest(problem, before, first.model_fit)[0]
+    if beside.share < problem.policy.partly or beside.fall < least:
+        return None
+    ranked = rank(problem, state.evidence, first.model_fit, state.nominal, state.progress, least)
+    passing = state.evidence.worth_fitting(problem, first.model_fit, ranked)
+    if not passing:
+        return None
+    state.progress(f"two further effects: {first.effect}, {passing[0].effect}")
+    both = inside_twin(problem, state.root, first.model_fit, passing[0])
+    if (
+        both is None
+        or explained_of_rest(problem, first.model_fit, both.model_fit)[0].share < problem.policy.partly
+    ):
         return None
     both = counted_beside(problem, before, both, both)
     return both if state.worth_having(both) else None

@@ -14,7 +14,13 @@ import pytest
 
 from autotune.diagnosis import rounds, wording
 from autotune.diagnosis.candidates import no_progress
-from autotune.diagnosis.rounds import _led_beside, _other_by_its_course, _other_worth_having, _two_at_once
+from autotune.diagnosis.rounds import (
+    _led_beside,
+    _one_after_another,
+    _other_by_its_course,
+    _other_worth_having,
+    _two_at_once,
+)
 from autotune.diagnosis.search_state import Found, SearchState
 from autotune.diagnosis.wording import left_note
 from autotune.estimation.policy import POLICY
@@ -149,6 +155,56 @@ def test_nor_where_nothing_asks_for_them(
 
 
 NAMED = replace(STRIBECK, named=True)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "first", "second", "taken"),
+    [
+        (NAMED, 0.55, 0.95, ("stribeck", "direction_asymmetry", "gravity_imbalance")),
+        (NAMED, 0.45, 0.95, None),
+        (NAMED, 0.55, 0.4, None),
+        (NAMED, 0.55, None, None),
+        (STRIBECK, 0.55, 0.95, None),
+        (None, 0.55, 0.95, None),
+    ],
+    ids=[
+        "each its part",
+        "the first too little",
+        "the second too little",
+        "no second",
+        "beside what has no name",
+        "beside nothing",
+    ],
+)
+def test_beside_a_name_two_are_taken_one_after_the_other(
+    monkeypatch: pytest.MonkeyPatch,
+    chosen: Item | None,
+    first: float,
+    second: float | None,
+    taken: tuple[str, ...] | None,
+) -> None:
+    """Stribeck friction of the base made twenty times what an asymmetry and a weight did, and had the name alone.
+
+    The asymmetry explained half of its rest; the weight 3 % as long as that was missing, and then 95 %.
+    """
+
+    def of_rest(_: object, before: SimpleNamespace, after: SimpleNamespace) -> list[SimpleNamespace]:
+        return [SimpleNamespace(share=first if len(before.effects) == 1 else second, fall=1.0)]
+
+    def fitted(_: object, __: object, before: SimpleNamespace, item: SimpleNamespace) -> Item:
+        return Item(item.effect, _model(*before.effects, item.effect))
+
+    ranked = [SimpleNamespace(effect="gravity_imbalance")] if second is not None else []
+    monkeypatch.setattr(rounds, "explained_of_rest", of_rest)
+    monkeypatch.setattr(rounds, "least_fall", lambda *_: 0.1)
+    monkeypatch.setattr(rounds, "rank", lambda *_: ranked)
+    monkeypatch.setattr(rounds, "inside_twin", fitted)
+    monkeypatch.setattr(rounds, "counted_beside", lambda *given: given[-1])
+    monkeypatch.setattr(SearchState, "worth_having", lambda *_: True)
+    state = _search(chosen)
+    state.evidence.worth_fitting = lambda _problem, _fit, ranked: ranked
+    found = _one_after_another(state, _beside("stribeck", "direction_asymmetry"))  # type: ignore[arg-type]
+    assert (found.model_fit.effects if found is not None else None) == taken
 
 
 @pytest.mark.parametrize(
