@@ -535,7 +535,7 @@ def _doubts(facts: Facts, effects: tuple[str, ...]) -> tuple[str, ...]:
         not_borne_out: not facts.evidence.confirms(facts.problem, effects, facts.carried)
         and (facts.problem.twin or not facts.evidence.repeats),
         "the veto trajectory hardly shows it": facts.veto_silent,
-        "one experiment is not explained as the others are": bool(facts.unlike),
+        f"the experiment '{facts.unlike}' is not explained as the others are": bool(facts.unlike),
         "less is explained than a name needs to be certain": facts.little_told,
         "of several effects one explains less of what the others leave than a name needs": (
             not facts.cut_short and facts.shared_out
