@@ -48,6 +48,7 @@ from autotune.diagnosis.wording import (
     OWN_PRESLIDING,
     PLAYED_ONCE,
     PRESLIDING_REST,
+    RECORD_AGAIN,
     SUSPECTED,
     TOLD_WITHOUT,
     TORQUE_CONSTANT,
@@ -502,10 +503,6 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     problem, root = facts.problem, facts.root
     if case.verdict == NAMED and facts.evidence.repeats:
         said.append(left_note(problem, final, found.further))
-    own_axis = bool(problem.data.metadata.fingerprint)
-    ask = next_experiment(
-        case.verdict, effects, confusable, confidence, chosen, own_axis, _kinds(problem), problem.has(VETO)
-    )
     return Diagnosis(
         case.verdict,
         effects,
@@ -514,7 +511,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         confusable,
         variance_shares(problem.data, root.fitted.error, problem.training > 0),
         facts.evidence.noise_rms(problem, final),
-        None if facts.cut_short else ask,
+        _asked(facts, case, effects, confusable, confidence, chosen),
         problem.twin,
         unseen_error(problem, final, sharp=not facts.cut_short),
         notes=(*notes, *filter(None, said), TORQUE_CONSTANT),
@@ -524,6 +521,25 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         base=facts.base,
         complete=not facts.cut_short,
     )
+
+
+def _asked(
+    facts: Facts,
+    case: Case,
+    effects: tuple[str, ...],
+    confusable: Sequence[Sequence[str]],
+    confidence: str | None,
+    chosen: FittedCandidate | None,
+) -> str | None:
+    """What to record next, in words; None where nothing is asked, or not yet, as the search was cut short."""
+    if facts.cut_short:
+        return None
+    if case.sentence is _once:
+        return RECORD_AGAIN
+    problem = facts.problem
+    own_axis = bool(problem.data.metadata.fingerprint)
+    kinds, has_veto = _kinds(problem), problem.has(VETO)
+    return next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis, kinds, has_veto)
 
 
 def _doubts(facts: Facts, effects: tuple[str, ...]) -> tuple[str, ...]:

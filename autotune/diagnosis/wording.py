@@ -47,6 +47,10 @@ CUT_SHORT = (
     "Stopped after {seconds:.0f} s of search, before all was asked: what is named is suspected only and may not be "
     "all, and what is not named may be there. With more time (--at-most) the rest is asked."
 )
+RECORD_AGAIN = (
+    "Look at the machine for what was there once, and play the same programme again: without it these data tell "
+    "whether anything else is missing."
+)
 DROWNED = (
     "That disturbance is larger than all that an effect explains; what it hides cannot be told. Remove its source, or "
     "record while it is off."
@@ -599,8 +603,7 @@ def moment_note(data: Prepared, moment: Moment) -> str:
     return (
         f"From {moment.start:.1f} to {moment.end:.1f} s {what} than when the same motion was played again "
         f"({100 * moment.share:.0f} % of all that differs from repeat to repeat, and at no other time): something that "
-        "was there once, as a jam, chips, a hand or a cable that caught. It is no effect that these data show twice; "
-        "look for it at the machine, and record again."
+        "was there once, as a jam, chips, a hand or a cable that caught. It is no effect that these data show twice."
     )
 
 
