@@ -292,10 +292,12 @@ def test_what_acted_once_is_told_from_noise_and_from_what_goes_on(
     rng = np.random.default_rng(7)
     more, pushed = _extra(kind, clock, rng)
     monkeypatch.setattr(time_driven, "of_friction", lambda *_: -0.2 * turns)
+    monkeypatch.setattr(time_driven, "beyond_presliding", lambda problem, _: problem)
     fitted = SimpleNamespace(
         error=more * turns + pushed + 0.5 * rng.standard_normal(clock.size),
         free=[SimpleNamespace(name="inertia"), SimpleNamespace(name="coulomb")],
         scales=np.array([1.0, 0.2]),
+        packed=None,
     )
     found = time_driven.acted_once(problem, SimpleNamespace(fitted=fitted, correction=None))
     assert (found is not None) == (start is not None)
@@ -306,14 +308,14 @@ def test_what_acted_once_is_told_from_noise_and_from_what_goes_on(
 
 @pytest.mark.long
 def test_a_jam_of_some_seconds_is_said_with_its_time_and_is_unknown() -> None:
-    """The friction of the axis is a fifth higher for four seconds, once."""
+    """The friction of the axis is a twentieth higher for four seconds, once."""
 
     def jam(time: float, position: float, velocity: float, acceleration: float) -> float:
-        return 0.012 * math.tanh(velocity / 0.02) if 24.0 <= time < 28.0 else 0.0
+        return -0.016 * math.tanh(velocity / 0.02) if 24.0 <= time < 28.0 else 0.0
 
     told = diagnose([play(plain_axis(31), 31, alien=jam)], base_model(NOMINAL))
     assert told.verdict == UNKNOWN
-    assert any("friction was 0.012 N m higher" in note and "there once" in note for note in told.notes)
+    assert any("friction was 0.016 N m higher" in note and "there once" in note for note in told.notes)
     assert any(note.startswith(("From 24", "From 23.")) for note in told.notes)
 
 

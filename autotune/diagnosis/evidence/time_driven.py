@@ -60,7 +60,7 @@ any order (of seven, chance comes below once in a thousand), and over that betwe
 
 LASTS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 """Seconds that a force of one moment may last."""
-ONCE, LEVEL, AGAIN, AS_MUCH = 0.25, 0.5, 0.25, 0.9
+ONCE, LEVEL, AGAIN, AS_MUCH = 1.0 / 3.0, 0.5, 0.25, 0.9
 """Of such a force: what it explains at least of all that differs between repeats, and of that in its own stretch; what
 one at another time may have of as much, as noise that wanders has a level in every stretch; and what is as much."""
 LONGEST, LONGEST_PART = 0.1, 0.8
@@ -431,14 +431,16 @@ def acted_once(problem: Problem, model_fit: ModelFit) -> Moment | None:
     what differs between repeats is no such thing.
 
     A jam, a hand, a cable that catches: it explains much of all that differs, most of that in its own stretch, and no
-    other stretch has the like.
+    other stretch has the like. It is looked for where the contact slides: before, each repeat has what the motion
+    before it left there.
     """
     fitted = model_fit.fitted
     column = of_friction(problem, fitted, model_fit.correction, TRAINING)
-    if column is None:
+    sliding = beyond_presliding(problem, fitted.packed)
+    if column is None or sliding is None:
         return None
     scale = fitted.scales[[one.name for one in fitted.free].index("coulomb")]
-    parts = _differences(problem, fitted.error, column / scale)
+    parts = _differences(sliding, fitted.error, column / scale)
     total = sum(float(part.error @ part.error) for part in parts)
     rows = sum(len(part.error) for part in parts)
     found = [(part, one) for part in parts for one in part.stretches(LONGEST * rows)]
