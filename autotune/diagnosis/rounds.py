@@ -427,10 +427,10 @@ def _one_after_another(state: SearchState, first: FittedCandidate) -> FittedCand
         return None
     state.progress(f"two further effects: {first.effect}, {passing[0].effect}")
     both = inside_twin(problem, state.root, first.model_fit, passing[0])
-    if (
-        both is None
-        or explained_of_rest(problem, first.model_fit, both.model_fit)[0].share < problem.policy.partly
-    ):
+    if both is None:
+        return None
+    second = explained_of_rest(problem, first.model_fit, both.model_fit)[0]
+    if second.share < problem.policy.partly:
         return None
     both = counted_beside(problem, before, both, both)
     return both if state.worth_having(both) else None

@@ -306,6 +306,19 @@ def test_what_acted_once_is_told_from_noise_and_from_what_goes_on(
         assert (found.friction, found.torque) == pytest.approx((friction, torque), abs=0.6)
 
 
+def test_nothing_acted_once_where_hardly_a_row_slides(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, turns = _problem()
+    problem.training[:] = 0.0
+    problem.training[[5, 5 + COUNT]] = 1.0
+    monkeypatch.setattr(time_driven, "of_friction", lambda *_: turns)
+    monkeypatch.setattr(time_driven, "beyond_presliding", lambda problem, _: problem)
+    free, error = [SimpleNamespace(name="coulomb")], np.random.default_rng(3).standard_normal(turns.size)
+    fitted = SimpleNamespace(error=error, free=free, scales=np.ones(1), packed=None)
+    assert time_driven.acted_once(problem, SimpleNamespace(fitted=fitted, correction=None)) is None
+    monkeypatch.setattr(time_driven, "beyond_presliding", lambda *_: None)
+    assert time_driven.acted_once(problem, SimpleNamespace(fitted=fitted, correction=None)) is None
+
+
 @pytest.mark.long
 def test_a_jam_of_some_seconds_is_said_with_its_time_and_is_unknown() -> None:
     """The friction of the axis is a twentieth higher for four seconds, once."""

@@ -492,6 +492,8 @@ class _Difference:
 
     def stretches(self, most: float) -> Iterator[_Stretch]:
         """Stretches of at most so many rows, one after the other by quarters of their length."""
+        if len(self.error) < 2:
+            return
         pace = float(np.median(np.diff(self.times[0])))
         level, error = self.levels.mean(axis=0), self.error
         products = [np.ones_like(level), level, level**2, error, level * error, error**2]
@@ -516,15 +518,14 @@ class _Difference:
         rows = slice(stretch.start, stretch.stop)
         which = int(np.argmax((self.errors[:, rows] ** 2).sum(axis=1)))
         apart, level = (self.errors[which] - self.errors[1 - which])[rows], self.levels[which, rows]
-        torque = float(apart.mean())
-        less = float(level @ apart) / max(
-            float(level @ level), 1e-300
-        )  # more friction in a model leaves less
-        rubs = less**2 * float(level @ level) >= torque**2 * len(apart)
-        torque, friction = (0.0, -less) if rubs else (torque, 0.0)
-        return Moment(
-            float(self.times[which, rows][0]), float(self.times[which, rows][-1]), torque, friction, share
-        )
+        torque, against = float(apart.mean()), max(float(level @ level), 1e-300)
+        friction = -float(level @ apart) / against  # more friction in a model leaves less
+        if friction**2 * against >= torque**2 * len(apart):
+            torque = 0.0
+        else:
+            friction = 0.0
+        start, end = (float(one) for one in self.times[which, rows][[0, -1]])
+        return Moment(start, end, torque, friction, share)
 
     def plain(self) -> _Difference:
         """The same for a torque that does not turn with the velocity."""
