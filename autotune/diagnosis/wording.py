@@ -173,6 +173,10 @@ NOT_LOOKED_FOR = (
     "followed, and all of the torque that the axis was given. How much one of them would explain a fit tells, but not "
     "whether it is there: autotune model add EFFECT FILE --model MODEL.toml --out NEW.toml."
 )
+MOVED_IN_A_ROW = (
+    "The axis answers {late:.2g} ms after the torque that {told}: less than half a row, which the moment within a row "
+    "makes at which a torque is read or set, and a quick current loop. It is nothing to look for, and taken out."
+)
 MOVED = (
     "The axis answers {late:.2g} ms after the torque that {told}. A current loop or a filter between demand "
     "and torque is late so, and so is a torque that is read sooner than its row: nothing in these data tells which it "
@@ -268,7 +272,8 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
         notes.append(said.format(cycles=cycles, period=1e3 * data.upsampling * data.period))
     elif law is not None and data.late > 0.0:
         told = "its controller asked for" if law.asked > 0.0 else "is recorded"
-        notes.append(MOVED.format(late=1e3 * data.late * data.period, told=told))
+        said = MOVED_IN_A_ROW if 2.0 * data.late <= data.upsampling else MOVED
+        notes.append(said.format(late=1e3 * data.late * data.period, told=told))
     elif law is None and abs(data.late) >= data.upsampling:
         when = "later" if data.late > 0.0 else "sooner"
         notes.append(MOVED_UNTOLD.format(late=1e3 * abs(data.late) * data.period, when=when))

@@ -200,10 +200,11 @@ def test_a_screws_turn_is_no_line_of_an_encoder(resolution: float, lines: bool) 
     [
         (1, 2, 2.0, "as one that goes over a bus does"),
         (4, 2, 2.0, "no effect that these data tell from a bus"),
-        (4, 0, 0.3, "answers 0.3 ms after the torque that is recorded"),
+        (4, 0, 0.3, "answers 0.3 ms after the torque that is recorded: less than half a row"),
+        (4, 0, 0.8, "answers 0.8 ms after the torque that is recorded. A current loop or a filter"),
         (4, 0, -0.3, ""),
     ],
-    ids=["a host", "a drive's own loop", "a part of a sample", "told late"],
+    ids=["a host", "a drive's own loop", "a part of a sample", "most of a sample", "told late"],
 )
 def test_how_late_the_torque_acts_is_said_as_far_as_it_is_told(
     ticks: int, cycles: int, late: float, said: str
