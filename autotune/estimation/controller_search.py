@@ -543,7 +543,7 @@ def how_late(period: float, reference: int, position: int) -> str:
         return ""
     return (
         f"The controller was identified with {seen} late, as a host with dead time or a drive that interpolates its "
-        "set points has it; a loop that is faster than the rows looks so too."
+        "set points has it; a loop that is faster than the rows, or a filter of its velocity, looks so too."
     )
 
 
