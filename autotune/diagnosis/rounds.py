@@ -383,8 +383,7 @@ def _two_at_once(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedC
     Each is what the other leaves. With both that is nearly nothing, and without either half of it and more is back.
     """
     problem, before = state.problem, state.model_fit
-    room = len(before.effects) + 2 <= MOST_EFFECTS
-    if state.chosen is None or state.chosen.named or not state.evidence.repeats or not room:
+    if state.chosen is None or state.chosen.named or not _room_for_two(state):
         return None
     shares = {one.effect: explained_of_rest(problem, before, one.model_fit)[0].share for one in fits}
     ranked = sorted(fits, key=lambda one: shares[one.effect], reverse=True)
@@ -401,8 +400,7 @@ def _two_at_once(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedC
     alone = [part for one in pair for part in explained_of_rest(problem, one.model_fit, both.model_fit)]
     if any(part.share < problem.policy.partly for part in alone):
         return None
-    both = counted_beside(problem, before, both, both)
-    return both if state.worth_having(both) else None
+    return _both_if_worth_having(state, both)
 
 
 def _one_after_another(state: SearchState, first: FittedCandidate) -> FittedCandidate | None:
@@ -414,8 +412,7 @@ def _one_after_another(state: SearchState, first: FittedCandidate) -> FittedCand
     missing. Together they must explain as much of it as a name asks of all.
     """
     problem, before = state.problem, state.model_fit
-    room = len(before.effects) + 2 <= MOST_EFFECTS
-    if state.chosen is None or not state.chosen.named or not state.evidence.repeats or not room:
+    if state.chosen is None or not state.chosen.named or not _room_for_two(state):
         return None
     least = least_fall(problem, state.chosen)
     beside = explained_of_rest(problem, before, first.model_fit)[0]
@@ -432,7 +429,17 @@ def _one_after_another(state: SearchState, first: FittedCandidate) -> FittedCand
     second = explained_of_rest(problem, first.model_fit, both.model_fit)[0]
     if second.share < problem.policy.partly:
         return None
-    both = counted_beside(problem, before, both, both)
+    return _both_if_worth_having(state, both)
+
+
+def _room_for_two(state: SearchState) -> bool:
+    """Whether two further effects may be asked at once: repeats tell what is left, and a model has so many at most."""
+    return state.evidence.repeats and len(state.model_fit.effects) + 2 <= MOST_EFFECTS
+
+
+def _both_if_worth_having(state: SearchState, both: FittedCandidate) -> FittedCandidate | None:
+    """A fit with two further effects, judged by what it explains beside what is chosen."""
+    both = counted_beside(state.problem, state.model_fit, both, both)
     return both if state.worth_having(both) else None
 
 

@@ -596,7 +596,7 @@ def breathing_note(line: TimeLine) -> str:
 
 
 def moment_note(data: Prepared, moment: Moment) -> str:
-    """What acted once, and where to look for it."""
+    """What acted once, when, and how much."""
     unit = torque_symbol(data.metadata.motion_unit, data.metadata.torque_unit)
     if moment.friction:
         what = (
