@@ -45,7 +45,9 @@ from autotune.models.transmission import (
     STARTED,
     Between,
     between_masses,
+    coupled_step,
     coupling,
+    foreseen,
     has_load,
     load_shares,
     passed_torque,
@@ -102,6 +104,7 @@ def _load_side(
         pace = rate + (velocity - rate) * share
         twist = motor - state[LOAD_POSITION] - 0.5 * step * speed
         passed = passed_torque(stiffness, damping, half, impact, harder, twist, pace - speed)
+        ahead = foreseen(stiffness, damping, half, impact, harder, relaxing, twist, passed, step)
         passed += relaxed(state, relaxing, fading, pace - speed, step)
         friction, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, state[LOAD_POSITION], speed, step)
         if anywhere(far > 0.0):
@@ -109,7 +112,8 @@ def _load_side(
             held, damped = kept_by_elements(p, on, state, LOAD_ELEMENTS, place, way, speed, step)
             friction += far * held
             slope += far * damped
-        later = speed + step * (passed - friction - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
+        heavier = p[INERTIA] * mass + 0.5 * step * slope + ahead
+        later = speed + step * (passed - friction - weight) / heavier
         state[LOAD_POSITION] += 0.5 * step * (speed + later)
         state[LOAD_VELOCITY] = later
         heat += friction * later / substeps
@@ -232,13 +236,16 @@ def _load_rate(p: Floats, on: Flags) -> float:
     inertia, stiffness, damping = p[INERTIA] * mass, p[STIFFNESS], p[MICRO_DAMPING]
     if on[REMEMBERS] and p[ATTRACTION] > 0.0:
         stiffness, damping = stiffness + memory_stiffness(p), damping + p[DAMPING]
-    elastic = math.sqrt(coupling(p, on)[0] / inertia)
+    elastic = math.sqrt(coupling(p, on)[0] / inertia) / (3.0 * coupled_step(p, on))
     held = math.sqrt(stiffness * rub / inertia)
     return float(max(max(elastic, held), 0.5 * damping * rub / inertia))
 
 
 def load_substeps(p: Floats, on: Flags, period: float) -> int:
-    """Steps a sample that the load beyond a transmission needs, about 0.3 rad each; 1 for a rigid axis."""
+    """Steps a sample that the load beyond a transmission needs; 1 for a rigid axis.
+
+    About 0.3 rad each of its contact's swing, and of its spring's as many as two masses' (`coupled_step`).
+    """
     if not has_load(on):
         return 1
     return int(min(max(math.ceil(3.0 * period * _load_rate(p, on)), 1), MOST_SUBSTEPS))

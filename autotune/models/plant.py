@@ -45,7 +45,9 @@ from autotune.models.transmission import (
     STARTED,
     Between,
     between_masses,
+    coupled_step,
     coupling_rate,
+    foreseen,
     has_load,
     load_shares,
     passed_torque,
@@ -116,6 +118,7 @@ def two_masses(
     mass, rub, weight, stiffness, damping, half, impact, harder, relaxing, fading = between
     twist = position - beyond + 0.5 * step * (velocity - speed)
     passed = passed_torque(stiffness, damping, half, impact, harder, twist, velocity - speed)
+    ahead = foreseen(stiffness, damping, half, impact, harder, relaxing, twist, passed, step)
     passed += relaxed(state, relaxing, fading, velocity - speed, step)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
     near, far = side_of_elements(p, rub)
@@ -124,14 +127,18 @@ def two_masses(
     friction += near * held
     slope += near * damped
     outside = additive(p, on, position + 0.5 * step * velocity) - weight
-    inertia = p[INERTIA] * (1.0 - mass)
-    later = velocity + step * (drive - outside - friction - passed) / (inertia + 0.5 * step * slope)
+    inertia = p[INERTIA] * (1.0 - mass) + 0.5 * step * slope
     carried, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, beyond, speed, step)
     if anywhere(far > 0.0):
         held, damped = kept_by_elements(p, on, state, LOAD_ELEMENTS, beyond, step * speed, speed, step)
         carried += far * held
         slope += far * damped
-    faster = speed + step * (passed - carried - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
+    heavier = p[INERTIA] * mass + 0.5 * step * slope
+    pushed, pulled = drive - outside - friction - passed, passed - carried - weight
+    gained = step / (inertia * heavier + ahead * (inertia + heavier))
+    later = velocity + gained * (heavier * pushed + ahead * (pushed + pulled))
+    faster = speed + gained * (inertia * pulled + ahead * (pushed + pulled))
+    passed += ahead * (later - velocity - faster + speed) / step
     state[POSITION], state[VELOCITY] = position + 0.5 * step * (velocity + later), later
     state[LOAD_POSITION], state[LOAD_VELOCITY] = beyond + 0.5 * step * (speed + faster), faster
     if on[IS_PRESSED]:
@@ -335,7 +342,7 @@ def _fastest(p: Floats, on: Flags) -> float:
     coupled = 0.0
     if has_load(on):
         mass, rub = load_shares(p, on)
-        coupled = 0.3 * coupling_rate(p, on)
+        coupled = 0.1 * coupling_rate(p, on) / coupled_step(p, on)
         worst = max((1.0 - rub) / (1.0 - mass), rub / mass)
         stiffness *= worst
         inertia /= worst

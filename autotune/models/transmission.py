@@ -40,6 +40,9 @@ Coupling: TypeAlias = tuple[float, float, float, float, float, float, float]
 Between: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
 """What `between_masses` gives."""
 STIFFEST_RATE = 8e3  # rad/s, what the integration still resolves
+SPRING_STEP, GAP_STEP, BENT_STEP = 1.0, 2.0 / 3.0, 1.0 / 3.0
+"""Radians of their ringing in a step of two masses: a spring's is 0.2 % off then. A contact that lets go, and a spring
+that hardens up to fourfold, or relaxes, need shorter ones."""
 HARDEST = 3.0
 """Of its stiffness without load, what a twist adds to a spring at most: so much more rate the integration bears."""
 
@@ -124,6 +127,34 @@ def passed_torque(
 
 
 @compiled
+def foreseen(
+    stiffness: float,
+    damping: float,
+    half: float,
+    impact: float,
+    harder: float,
+    relaxing: float,
+    twist: float,
+    passed: float,
+    step: float,
+) -> float:
+    """What a relative acceleration of motor against load adds to the torque `passed` within a step [N m s²/rad].
+
+    Asked before the acceleration is known, so that the step is implicit in it: a spring rings at its own frequency to
+    the fourth power of a step (Newmark's method with beta = 1/12 [newmark-1959]), and damping brakes as its mean does.
+    A contact that does not touch adds nothing.
+    """
+    grows = harder * twist * twist
+    stiff = stiffness * where(grows < HARDEST, 1.0 + 3.0 * grows, 1.0 + HARDEST) + relaxing
+    damped = damping
+    if anywhere(half != 0.0):
+        touches = where(passed == 0.0, where(half == 0.0, 1.0, 0.0), 1.0)
+        damped = touches * (damping + stiffness * impact * max(abs(twist) - half, 0.0))
+        stiff = touches * stiff
+    return float(step * (step * stiff / 12.0 + 0.5 * damped))
+
+
+@compiled
 def relaxed(state: Floats, stiffness: float, fading: float, rate: float, step: float) -> float:
     """Torque that relaxes [N m], after a step in which the twist changes at `rate`; its state is changed in place.
 
@@ -140,3 +171,12 @@ def coupling_rate(p: Floats, on: Flags) -> float:
         return 0.0
     share, _ = load_shares(p, on)
     return math.sqrt(coupling(p, on)[0] / (p[INERTIA] * share * (1.0 - share)))
+
+
+@compiled
+def coupled_step(p: Floats, on: Flags) -> float:
+    """Radians of the ringing of two masses that a step of theirs may have."""
+    if on[HAS_GAP]:
+        return GAP_STEP
+    bends = p[HARDENING] > 0.0 or p[RELAXING] > 0.0
+    return BENT_STEP if bends else SPRING_STEP
