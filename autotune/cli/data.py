@@ -79,7 +79,15 @@ def import_(
     wishes = Wishes(unit, torque_unit, resolution, period, speed_curve)
     gains = Controller.parse(controller) if controller is not None else None
     options = Options(
-        format_, tuple(column or ()), wishes, torque_limit, gains, experiment, keep_signs, keep_leaps
+        format_,
+        tuple(column or ()),
+        wishes,
+        torque_limit,
+        gains,
+        experiment,
+        keep_signs,
+        keep_leaps,
+        str(out),
     )
     imported = import_files(files, options)
     for line in imported.lines:

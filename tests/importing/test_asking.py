@@ -120,6 +120,15 @@ def test_everything_in_doubt_is_asked_for_at_once(tmp_path: Path, signals: dict[
     np.testing.assert_allclose(read_recording(out)["torque"], 0.5 * signals["torque"], rtol=1e-8)
 
 
+def test_the_command_that_is_asked_for_writes_where_it_was_wanted(
+    tmp_path: Path, signals: dict[str, Floats]
+) -> None:
+    path, out = write_table(tmp_path / "t.csv", signals, head="t,pos,vel,Iq"), tmp_path / "mine.csv"
+    result = CliRunner().invoke(data, ["import", str(path), "--format", "csv", "--out", str(out)])
+    assert isinstance(result.exception, ConfigurationError)
+    assert shlex.split(str(result.exception).splitlines()[-1])[-2:] == ["--out", str(out)]
+
+
 def test_what_was_written_or_recognised_stands_in_the_command(
     tmp_path: Path, signals: dict[str, Floats]
 ) -> None:

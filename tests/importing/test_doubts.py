@@ -146,8 +146,8 @@ def test_units_in_names(header: str, name: str, unit: str) -> None:
         "torque_feedforward"), ("Sollwert", "°", "reference"), ("commanded", "mm", "reference"),
         ("Weg", "mm", "position"), ("Sollweg", "mm", "reference"),
         ("Torque set", "Nm", "torque_command"), ("Lage Ist", "mm", "position"), ("F_cmd", "N", "torque_command"),
-        ("F", "N", ""), ("M_ist", "Nm", ""), ("iq_ref", "A", "current_command"), ("Torque demand", "A",
-        "current_command"), ("current limit", "A", ""),
+        ("F", "N", ""), ("M_ist", "Nm", "torque"), ("F_act", "N", "torque"), ("F1_act", "N", ""),
+        ("iq_ref", "A", "current_command"), ("Torque demand", "A", "current_command"), ("current limit", "A", ""),
         ("command", "Nm", "torque_command"), ("setpoint", "rpm", ""), ("setpoint", "", ""), ("limit", "Nm", ""),
     ],
 )  # fmt: skip

@@ -62,7 +62,8 @@ def command(paths: Sequence[Path], columns: Mapping[str, str], options: Options)
     parts = ["autotune", "data", "import", *files, "--format", options.format]
     for target in sorted(columns, key=_ORDER.index):
         parts += ["--column", f"{target}={columns[target]}"]
-    return shlex.join([*parts, *_rest(options), "--out", f"{paths[0].stem}-imported.parquet"])
+    out = options.out or f"{paths[0].stem}-imported.parquet"
+    return shlex.join([*parts, *_rest(options), "--out", out])
 
 
 def _rest(options: Options) -> list[str]:

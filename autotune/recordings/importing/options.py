@@ -30,6 +30,7 @@ class Options:
         experiment: name of all segments; by default the file's name.
         keep_signs: the signs were looked at and are right.
         keep_leaps: so were the leaps of the position.
+        out: where the recording is to be written; "" where nobody has said.
     """
 
     format: str
@@ -40,3 +41,4 @@ class Options:
     experiment: str | None = None
     keep_signs: bool = False
     keep_leaps: bool = False
+    out: str = ""

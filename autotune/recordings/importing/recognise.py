@@ -160,6 +160,13 @@ def _nameless(column: Column, quantity: str) -> bool:
     return fits and words_of(column.name) == ("", "")
 
 
+def _a_measured(column: Column) -> bool:
+    """Whether a name is one letter and a word for what is measured: `F_act`, `M_ist`."""
+    words = re.findall(r"[a-zäöüµ]+|[0-9]+", _spaced(column.name))
+    letters = [word for word in words if len(word) == 1 and word.isalpha()]
+    return len(words) == 2 and len(letters) == 1 and any(word in _ACTUAL for word in words)
+
+
 def guess(column: Column) -> Guess:
     """What the column seems to be."""
     if column.name in FLOAT_COLUMNS:
@@ -169,7 +176,7 @@ def guess(column: Column) -> Guess:
     if unit is not None:
         by_unit = _BY_KIND.get(unit.kind, "")
         if not quantity:
-            plain = by_unit in ("time", "current", "voltage")
+            plain = by_unit in ("time", "current", "voltage") or (by_unit == "torque" and _a_measured(column))
             quantity = by_unit if plain or (role == "wanted" and by_unit in ("position", "torque")) else ""
         elif by_unit in ("current", "voltage") and quantity == "torque":
             quantity = by_unit
