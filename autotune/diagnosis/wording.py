@@ -182,6 +182,11 @@ MOVED = (
     "and torque is late so, and so is a torque that is read sooner than its row: nothing in these data tells which it "
     "is, nor whether it is an effect of the axis. It is taken out."
 )
+MEASURED_SOONER = (
+    "The axis answers {late:.2g} ms after the torque that was measured. Neither a bus nor a current loop makes that: "
+    "both lie before that torque. A position that is filtered, or read later than the torque of its row, does, and so "
+    "does a lag between torque and motion: nothing in these data tells which. It is taken out."
+)
 DELAYED = (
     "A dead time, as a host, a bus and a drive's input may have it, does as well as this lag: it delays the torque and "
     "does not bend it beyond chance. So it is suspected only; look up how the demand reaches the drive, and when."
@@ -266,7 +271,9 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
     """
     notes = []
     whole = _whole_cycles(data)
-    if whole > 0:
+    if _measured_sooner(data, law):
+        notes.append(MEASURED_SOONER.format(late=1e3 * data.late * data.period))
+    elif whole > 0:
         cycles = f"{whole} cycle" + "s" * (whole > 1)
         said = CYCLES_OR_LAG if law is not None and law.ticks > 1 else CYCLES_LATE
         notes.append(said.format(cycles=cycles, period=1e3 * data.upsampling * data.period))
@@ -286,6 +293,12 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
     if data.reading is not None:
         notes.append(_reading_note(data, data.reading))
     return tuple(notes)
+
+
+def _measured_sooner(data: Prepared, law: PositionController | None) -> bool:
+    """Whether the torque by its own sensor is compared, and the axis answers half a row after it and more."""
+    by_sensor = data.sensed is not None and data.recorded_torque is data.sensed
+    return by_sensor and law is not None and 2.0 * data.late > data.upsampling
 
 
 def told_late(data: Prepared) -> bool:
