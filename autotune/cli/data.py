@@ -78,17 +78,8 @@ def import_(
     _check_words(unit, torque_unit, experiment)
     wishes = Wishes(unit, torque_unit, resolution, period, speed_curve)
     gains = Controller.parse(controller) if controller is not None else None
-    options = Options(
-        format_,
-        tuple(column or ()),
-        wishes,
-        torque_limit,
-        gains,
-        experiment,
-        keep_signs,
-        keep_leaps,
-        str(out),
-    )
+    known = tuple(column or ()), wishes, torque_limit, gains, experiment
+    options = Options(format_, *known, keep_signs, keep_leaps, out=str(out))
     imported = import_files(files, options)
     for line in imported.lines:
         say(line)

@@ -37,6 +37,7 @@ from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
 from autotune.models.torque_saturation import bent
 from autotune.models.transmission import (
+    COUPLED_STEP,
     LOAD_BRISTLE,
     LOAD_ELEMENTS,
     LOAD_POSITION,
@@ -45,7 +46,6 @@ from autotune.models.transmission import (
     STARTED,
     Between,
     between_masses,
-    coupled_step,
     coupling,
     foreseen,
     has_load,
@@ -236,7 +236,7 @@ def _load_rate(p: Floats, on: Flags) -> float:
     inertia, stiffness, damping = p[INERTIA] * mass, p[STIFFNESS], p[MICRO_DAMPING]
     if on[REMEMBERS] and p[ATTRACTION] > 0.0:
         stiffness, damping = stiffness + memory_stiffness(p), damping + p[DAMPING]
-    elastic = math.sqrt(coupling(p, on)[0] / inertia) / (3.0 * coupled_step(p, on))
+    elastic = math.sqrt(coupling(p, on)[0] / inertia) / (3.0 * COUPLED_STEP)
     held = math.sqrt(stiffness * rub / inertia)
     return float(max(max(elastic, held), 0.5 * damping * rub / inertia))
 
@@ -244,7 +244,7 @@ def _load_rate(p: Floats, on: Flags) -> float:
 def load_substeps(p: Floats, on: Flags, period: float) -> int:
     """Steps a sample that the load beyond a transmission needs; 1 for a rigid axis.
 
-    About 0.3 rad each of its contact's swing, and of its spring's as many as two masses' (`coupled_step`).
+    About 0.3 rad each of its contact's swing, and of its spring's as many as two masses' (`COUPLED_STEP`).
     """
     if not has_load(on):
         return 1

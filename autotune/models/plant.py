@@ -38,6 +38,7 @@ from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
 from autotune.models.torque_saturation import bent
 from autotune.models.transmission import (
+    COUPLED_STEP,
     LOAD_BRISTLE,
     LOAD_ELEMENTS,
     LOAD_POSITION,
@@ -45,7 +46,6 @@ from autotune.models.transmission import (
     STARTED,
     Between,
     between_masses,
-    coupled_step,
     coupling_rate,
     foreseen,
     has_load,
@@ -342,7 +342,7 @@ def _fastest(p: Floats, on: Flags) -> float:
     coupled = 0.0
     if has_load(on):
         mass, rub = load_shares(p, on)
-        coupled = 0.1 * coupling_rate(p, on) / coupled_step(p, on)
+        coupled = 0.1 / COUPLED_STEP * coupling_rate(p, on)
         worst = max((1.0 - rub) / (1.0 - mass), rub / mass)
         stiffness *= worst
         inertia /= worst

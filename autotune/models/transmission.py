@@ -40,9 +40,10 @@ Coupling: TypeAlias = tuple[float, float, float, float, float, float, float]
 Between: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
 """What `between_masses` gives."""
 STIFFEST_RATE = 8e3  # rad/s, what the integration still resolves
-SPRING_STEP, GAP_STEP, BENT_STEP = 1.0, 2.0 / 3.0, 1.0 / 3.0
-"""Radians of their ringing in a step of two masses: a spring's is 0.2 % off then. A contact that lets go, and a spring
-that hardens up to fourfold, or relaxes, need shorter ones."""
+COUPLED_STEP = 2.0 / 3.0
+"""Radians of their ringing in a step of two masses: a spring's is 0.04 % off then. One that hardens fourfold and rings
+3.2 times as fast is as far off as a step of a third of that without foresight would have it. No parameter moves it: a
+sensitivity would be that of the step."""
 HARDEST = 3.0
 """Of its stiffness without load, what a twist adds to a spring at most: so much more rate the integration bears."""
 
@@ -171,12 +172,3 @@ def coupling_rate(p: Floats, on: Flags) -> float:
         return 0.0
     share, _ = load_shares(p, on)
     return math.sqrt(coupling(p, on)[0] / (p[INERTIA] * share * (1.0 - share)))
-
-
-@compiled
-def coupled_step(p: Floats, on: Flags) -> float:
-    """Radians of the ringing of two masses that a step of theirs may have."""
-    if on[HAS_GAP]:
-        return GAP_STEP
-    bends = p[HARDENING] > 0.0 or p[RELAXING] > 0.0
-    return BENT_STEP if bends else SPRING_STEP

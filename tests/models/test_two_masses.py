@@ -6,8 +6,8 @@ from scipy.linalg import expm
 
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
-from autotune.models.table import EFFECTS
 from autotune.models.plant import simulate, substeps_for
+from autotune.models.table import EFFECTS
 
 PERIOD, INERTIA, LOAD_SHARE = 1e-3, 1e-3, 0.6
 SLIPPERY = {
