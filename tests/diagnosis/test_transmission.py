@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +15,14 @@ from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.starts import FitStart, _of_each_size, varying
 from autotune.diagnosis.transmission import (
     ADDED,
+    HIT,
     LOADS,
     OF_THE_GAP,
     SHARES,
     TURNS,
     _contacts,
     _Exchange,
+    _of_all_sizes,
     adds_nothing,
     gap_is_told,
     other_spring_tried,
@@ -308,6 +311,30 @@ def test_other_contacts_of_a_gap_give_way_as_far_under_a_load() -> None:
     )
     assert all(one.p[BACKLASH.slot("damping")] == 0.0 for one in by_impact)
     assert all(one.p[BACKLASH.slot("impact_damping")] > 0.0 for one in by_impact)
+
+
+def test_contacts_that_are_hit_begin_at_gaps_of_all_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once each, whatever dampers starts have; what the model has beside its gap stays."""
+    slots = [BACKLASH.slot(name) for name in ("gap", "contact_compliance", "damping", "impact_damping")]
+    beyond = {"contact_compliance": 1e-3, "load_inertia": 0.4, "load_friction": 0.3, "damping": 0.1}
+
+    def begun(gap: float, damping: float) -> FitStart:
+        packed = base_model(BASE).with_effect(BACKLASH.make({"gap": gap} | beyond)).pack()
+        packed.p[slots[2]] = damping
+        return FitStart(packed, ())
+
+    starts = [begun(gap, damping) for gap in (1e-4, 1e-3) for damping in (0.05, 0.3)]
+    monkeypatch.setattr(transmission, "starts_of", lambda *_: starts)
+    packed = base_model(BASE | {"viscous": 7e-3}).with_effect(BACKLASH.make({"gap": 1e-2} | beyond)).pack()
+    root: Any = SimpleNamespace(fitted=SimpleNamespace(packed=packed))
+    problem: Any = None
+    narrow, wide = _of_all_sizes(root, problem, packed)
+    for one, gap in ((narrow, 1e-4), (wide, 1e-3)):
+        size, _, damping, impact = one.p[slots]
+        assert (size, damping) == (gap, 0.0)
+        assert impact == pytest.approx(damped_by_impact(one.p, HIT))
+        assert one.p[layout.VISCOUS] == 7e-3
+    assert packed.p[slots[0]] == 1e-2
 
 
 @pytest.mark.parametrize("kind", [ELASTIC_TRANSMISSION, BACKLASH])
