@@ -241,7 +241,8 @@ def test_a_fit_says_how_little_it_explains(
     monkeypatch: pytest.MonkeyPatch, error: float, noise: float, valid: bool, said: str
 ) -> None:
     """An encoder of 0.7 mm eccentricity: the fit was valid with an error of 111 % of the torque."""
-    compared = SimpleNamespace(relative_error=error, error_rms=error, noise_floor_rms=noise)
+    once: Any = SimpleNamespace(data=SimpleNamespace(repeated=False))
+    compared = SimpleNamespace(problem=once, relative_error=error, error_rms=error, noise_floor_rms=noise)
     monkeypatch.setattr(fit_module, "unseen_error", lambda *_: None)
     result = FitResult(base_model(AXIS), "programme", Estimate("all", relative_error=0.02), ())
     found = fit_module._with_error(result, cast(Any, compared))
