@@ -252,7 +252,7 @@ def other_contact_tried(
             start.packed for start in scouted(problem, model_fit, [FitStart(one, moved) for one in contacts])
         ]
         if impact:
-            sizes = _of_all_sizes(root, problem, model_fit.fitted.packed)
+            sizes = _of_all_sizes(problem, root, model_fit.fitted.packed)
             begun_at = [FitStart(one, moved) for one in sizes]
             led += [start.packed for start in scouted(problem, model_fit, begun_at, instead=True)]
         target = least * chosen.model_fit.fitted.cost
@@ -486,11 +486,12 @@ def _contacts(problem: Problem, packed: Packed, impact: bool) -> list[Packed]:
             continue
         p = packed.p.copy()
         p[slots] = width, compliance, AT_START["damping"], 0.0
-        contacts += [Packed(one, packed.on) for one in (_with_impact(p) if impact else [p])]
+        found = [_hit(p, AT_START["damping"], part) for part in PARTS] if impact else [p]
+        contacts += [Packed(one, packed.on) for one in found]
     return contacts
 
 
-def _of_all_sizes(root: ModelFit, problem: Problem, packed: Packed) -> list[Packed]:
+def _of_all_sizes(problem: Problem, root: ModelFit, packed: Packed) -> list[Packed]:
     """A model with the gaps of all sizes at which fits begin, in contacts that are damped by their torque.
 
     With a damper beside its spring the true gap may leave more than a narrower one in a harder contact does, from which
@@ -498,23 +499,18 @@ def _of_all_sizes(root: ModelFit, problem: Problem, packed: Packed) -> list[Pack
     impact 95.
     """
     begun = [start.packed for start in starts_of(GAP, Context(problem, root.fitted, root.fitted.packed))]
-    slots = [GAP.slot("damping"), GAP.slot("impact_damping")]
-    least = min((one.p[slots[0]] for one in begun), default=0.0)
-    found = []
-    for one in begun:
-        if one.p[slots[0]] == least:  # one of those that differ by a damper only
-            model = with_effects(packed, one, (GAP.name,))
-            model.p[slots] = 0.0, damped_by_impact(model.p, HIT)
-            found.append(model)
-    return found
+    damping = GAP.slot("damping")
+    least = min((one.p[damping] for one in begun), default=0.0)
+    sizes = [one for one in begun if one.p[damping] == least]  # one of those that differ by a damper only
+    models = [with_effects(packed, one, (GAP.name,)) for one in sizes]
+    return [Packed(_hit(model.p, HIT), model.on) for model in models]
 
 
-def _with_impact(p: Floats) -> list[Floats]:
-    """The same contact damped by its torque, and not by a damper beside its spring."""
-    slots = [GAP.slot("damping"), GAP.slot("impact_damping")]
-    found = [p.copy() for _ in PARTS]
-    for one, part in zip(found, PARTS, strict=True):
-        one[slots] = 0.0, part * damped_by_impact(p, AT_START["damping"])
+def _hit(p: Floats, damping: float, part: float = 1.0) -> Floats:
+    """The same gap in a contact that is damped by its torque, by a part of what that share of critical takes from an
+    impact, and not by a damper beside its spring."""
+    found = p.copy()
+    found[[GAP.slot("damping"), GAP.slot("impact_damping")]] = 0.0, part * damped_by_impact(p, damping)
     return found
 
 

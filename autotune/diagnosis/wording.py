@@ -271,7 +271,7 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
     """
     notes = []
     whole = _whole_cycles(data)
-    if _measured_sooner(data, law):
+    if law is not None and data.by_sensor and not _within_a_row(data):
         notes.append(MEASURED_SOONER.format(late=1e3 * data.late * data.period))
     elif whole > 0:
         cycles = f"{whole} cycle" + "s" * (whole > 1)
@@ -279,7 +279,7 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
         notes.append(said.format(cycles=cycles, period=1e3 * data.upsampling * data.period))
     elif law is not None and data.late > 0.0:
         told = "its controller asked for" if law.asked > 0.0 else "is recorded"
-        said = MOVED_IN_A_ROW if 2.0 * data.late <= data.upsampling else MOVED
+        said = MOVED_IN_A_ROW if _within_a_row(data) else MOVED
         notes.append(said.format(late=1e3 * data.late * data.period, told=told))
     elif law is None and abs(data.late) >= data.upsampling:
         when = "later" if data.late > 0.0 else "sooner"
@@ -295,10 +295,9 @@ def torque_path_notes(data: Prepared, law: PositionController | None = None) -> 
     return tuple(notes)
 
 
-def _measured_sooner(data: Prepared, law: PositionController | None) -> bool:
-    """Whether the torque by its own sensor is compared, and the axis answers half a row after it and more."""
-    by_sensor = data.sensed is not None and data.recorded_torque is data.sensed
-    return by_sensor and law is not None and 2.0 * data.late > data.upsampling
+def _within_a_row(data: Prepared) -> bool:
+    """Whether the axis answers no more than half a row after the torque: the moment within a row makes that."""
+    return 2.0 * data.late <= data.upsampling
 
 
 def told_late(data: Prepared) -> bool:

@@ -251,7 +251,7 @@ def _as_mean(data: Prepared, law: PositionController) -> Prepared:
     what acted. The law knows by how much a reading is off, along the recorded motion.
     """
     torque = data.torque + _off_by_reading(_seen(data), law)
-    sensed = torque if data.recorded_torque is data.sensed else data.sensed
+    sensed = torque if data.by_sensor else data.sensed
     return replace(data, torque=torque, recorded_torque=torque, sensed=sensed, shift=0.0, late=0.0)
 
 
@@ -286,7 +286,7 @@ def _as_acted(data: Prepared, law: PositionController) -> Prepared:
     torque = data.torque.copy()
     for rows in late.stretches:
         torque[rows] += law.held_until_read(late.reference[rows], data.period)
-    sensed = torque if data.recorded_torque is data.sensed else data.sensed
+    sensed = torque if data.by_sensor else data.sensed
     return replace(data, torque=torque, recorded_torque=torque, sensed=sensed, shift=0.0)
 
 

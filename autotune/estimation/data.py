@@ -244,6 +244,11 @@ class Prepared:
         return 0.9 / (self.period * max(len(self.taps) // 2, 1))
 
     @property
+    def by_sensor(self) -> bool:
+        """Whether the torque that is compared is that of its own sensor."""
+        return self.recorded_torque is self.sensed
+
+    @property
     def second(self) -> int:
         """Grid rows of about a second, at most `CHUNK`: a coarse grid has fewer in it."""
         if self.steady or len(self.grid) < 2:

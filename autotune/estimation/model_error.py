@@ -159,13 +159,7 @@ def with_misfit(problem: Problem) -> Problem:
     Less its mean over runs of `PIECE_SECONDS`: the law's sum wanders off by what jitter and interpolation add.
     """
     law, data = problem.controller, problem.data
-    if (
-        law is None
-        or not law.in_band
-        or law.asked > 0.0
-        or not data.repeated
-        or data.recorded_torque is data.sensed
-    ):
+    if law is None or not law.in_band or law.asked > 0.0 or not data.repeated or data.by_sensor:
         return replace(problem, misfit=None)
     misfit = smoothed(data, acted(data.torque - asked_late(data, law)))
     for block in data.blocks:

@@ -138,11 +138,10 @@ def two_masses(
     gained = step / (inertia * heavier + ahead * (inertia + heavier))
     later = velocity + gained * (heavier * pushed + ahead * (pushed + pulled))
     faster = speed + gained * (inertia * pulled + ahead * (pushed + pulled))
-    passed += ahead * (later - velocity - faster + speed) / step
     state[POSITION], state[VELOCITY] = position + 0.5 * step * (velocity + later), later
     state[LOAD_POSITION], state[LOAD_VELOCITY] = beyond + 0.5 * step * (speed + faster), faster
     if on[IS_PRESSED]:
-        press(p, state, passed, friction, step)
+        press(p, state, passed + ahead * (later - velocity - faster + speed) / step, friction, step)
     if on[WARMS]:
         warm(p, state, friction * later + carried * faster, step)
 
@@ -350,7 +349,10 @@ def _fastest(p: Floats, on: Flags) -> float:
 
 
 def substeps_for(p: Floats, period: float, on: Flags | None = None, least: int = 2) -> int:
-    """Steps a sample that resolve the bristle's oscillation to about 0.1 rad a step, and its damping to 0.4."""
+    """Steps a sample that resolve the bristle's oscillation to about 0.1 rad a step, and its damping to 0.4.
+
+    The ringing of two masses to `COUPLED_STEP`.
+    """
     if on is None:
         fastest = max(math.sqrt(p[STIFFNESS] / p[INERTIA]), DAMPED * p[MICRO_DAMPING] / p[INERTIA])
     else:

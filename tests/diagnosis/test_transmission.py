@@ -328,7 +328,7 @@ def test_contacts_that_are_hit_begin_at_gaps_of_all_sizes(monkeypatch: pytest.Mo
     packed = base_model(BASE | {"viscous": 7e-3}).with_effect(BACKLASH.make({"gap": 1e-2} | beyond)).pack()
     root: Any = SimpleNamespace(fitted=SimpleNamespace(packed=packed))
     problem: Any = None
-    narrow, wide = _of_all_sizes(root, problem, packed)
+    narrow, wide = _of_all_sizes(problem, root, packed)
     for one, gap in ((narrow, 1e-4), (wide, 1e-3)):
         size, _, damping, impact = one.p[slots]
         assert (size, damping) == (gap, 0.0)

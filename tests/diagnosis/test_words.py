@@ -159,7 +159,7 @@ def test_a_wide_file_is_named_in_one_line() -> None:
 def _read(size: float, resolution: float) -> str:
     """What is said of a reading that is off by `size` [m] in waves of 5 mm."""
     wave = ReadingWave(2.0 * math.pi / 5e-3, (size, 0.0, 0.0, 0.0))
-    path = {"cycles": 0, "late": 0.0, "upsampling": 1, "lag": 0.0, "lag_error": 1.0, "sensed": None}
+    path = {"cycles": 0, "late": 0.0, "upsampling": 1, "lag": 0.0, "lag_error": 1.0, "by_sensor": False}
     metadata = SimpleNamespace(motion_unit="m")
     (note,) = torque_path_notes(
         SimpleNamespace(**path, reading=wave, resolution=resolution, metadata=metadata)
@@ -210,7 +210,7 @@ def test_how_late_the_torque_acts_is_said_as_far_as_it_is_told(
     ticks: int, cycles: int, late: float, said: str
 ) -> None:
     """Behind a loop between the samples a lag, cycles and the moment of reading leave alike."""
-    path = {"cycles": cycles, "late": late, "upsampling": 1, "period": 1e-3, "lag": 0.0, "sensed": None}
+    path = {"cycles": cycles, "late": late, "upsampling": 1, "period": 1e-3, "lag": 0.0, "by_sensor": False}
     data = SimpleNamespace(**path, lag_error=1.0, reading=None)
     notes = torque_path_notes(data, PositionController(ticks=ticks))
     assert len(notes) == bool(said)
@@ -226,8 +226,7 @@ def test_no_bus_is_blamed_for_what_comes_after_a_measured_torque(
     """A torque that acted at once and was measured "acts 1 cycle of 1 ms after the row, a bus does that" (65th
     outsider, 26): its dead time lay before the sensor."""
     path = {"cycles": cycles, "late": late, "upsampling": 1, "period": 1e-3, "lag": 0.0}
-    measured = object()
-    data = SimpleNamespace(**path, lag_error=1.0, reading=None, sensed=measured, recorded_torque=measured)
+    data = SimpleNamespace(**path, lag_error=1.0, reading=None, by_sensor=True)
     (note,) = torque_path_notes(data, PositionController(ticks=4))
     assert ("torque that was measured. Neither a bus" in note) is told
     assert "taken out" in note
@@ -237,7 +236,7 @@ def test_no_bus_is_blamed_for_what_comes_after_a_measured_torque(
     ("lag", "said"), [(2e-4, "as a current loop of 796 Hz does"), (4.5e-4, "0.45 ms late or more")]
 )
 def test_a_current_loop_at_the_slowest_that_is_ordinary_is_told_as_a_bound(lag: float, said: str) -> None:
-    path = {"cycles": 0, "late": 0.0, "upsampling": 1, "period": 1e-3, "lag": lag, "sensed": None}
+    path = {"cycles": 0, "late": 0.0, "upsampling": 1, "period": 1e-3, "lag": lag, "by_sensor": False}
     (note,) = torque_path_notes(SimpleNamespace(**path, lag_error=2e-5, reading=None))
     assert said in note
 
@@ -260,7 +259,7 @@ def test_a_chain_that_ends_at_its_limits_rules_out_no_lag(cycles: int, lag: floa
         "upsampling": 1,
         "period": 1e-3,
         "lag": lag,
-        "sensed": None,
+        "by_sensor": False,
     }
     notes = torque_path_notes(SimpleNamespace(**path, lag_error=7e-4, reading=None))
     assert any("not ruled out" in " ".join(note.split()) for note in notes) == asks

@@ -162,7 +162,7 @@ def _nameless(column: Column, quantity: str) -> bool:
 
 def _a_measured(column: Column) -> bool:
     """Whether a name is one letter and a word for what is measured: `F_act`, `M_ist`."""
-    words = re.findall(r"[a-zäöüµ]+|[0-9]+", _spaced(column.name))
+    words = _all_words(column.name)
     letters = [word for word in words if len(word) == 1 and word.isalpha()]
     return len(words) == 2 and len(letters) == 1 and any(word in _ACTUAL for word in words)
 
@@ -201,10 +201,15 @@ def _spaced(name: str) -> str:
     return _IN_TWO.sub(r"\1\2", spaced.lower())
 
 
+def _all_words(name: str) -> list[str]:
+    """Words and numbers of a name, compounds taken apart."""
+    return [part for word in re.findall(r"[a-zäöüµ]+|[0-9]+", _spaced(name)) for part in _parts(word)]
+
+
 def stem(name: str) -> tuple[str, ...]:
     """The words of a name but for those that tell wanted from measured: `M_soll` and `M_ist` have one stem."""
-    words = [part for word in re.findall(r"[a-zäöüµ]+|[0-9]+", _spaced(name)) for part in _parts(word)]
-    return tuple(word for word in words if word not in _ACTUAL and _ROLE_WORDS.get(word) != "wanted")
+    kept = (word for word in _all_words(name) if word not in _ACTUAL and _ROLE_WORDS.get(word) != "wanted")
+    return tuple(kept)
 
 
 def words_of(name: str) -> tuple[str, str]:
